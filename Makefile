@@ -1,0 +1,38 @@
+# Needs only make and Python >= 3.11. Choose another interpreter with: make demo PYTHON=python3.12
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+
+.PHONY: demo test setup setup-peers lint bench clean
+
+demo: setup
+	$(BIN)/jaxmm reproduce configs/demo.toml
+
+test: setup
+	$(BIN)/python -m pytest
+
+setup: .venv/current
+
+# The stamp is written last, so an installation that was cut off starts again.
+.venv/current: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; v = sys.version_info; v >= (3, 11) or sys.exit("jaxmm needs Python >= 3.11, got %d.%d; try make PYTHON=python3.11" % v[:2])'
+	$(PYTHON) -m venv .venv
+	$(PIP) install -r requirements.lock
+	$(PIP) install --no-deps --no-build-isolation -e .
+	@touch $@
+
+# Open3D and PyTorch, the benchmarks' opponents and the tests' witnesses; large, and never needed to use jaxmm.
+setup-peers: setup
+	$(PIP) install -c requirements.lock -e '.[peers]'
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest tests/test_lock.py
+
+bench: setup-peers
+	$(BIN)/python -m benchmarks.rays
+	$(BIN)/python -m benchmarks.train
+
+clean:
+	rm -rf .venv .cache runs *.egg-info

@@ -1,0 +1,9 @@
+"""What one robot scan says about a building model: added, removed, or simply not seen."""
+
+import os
+
+from jaxmm.caches import cache_folder
+
+# JAX reads this when it is first imported, so it must stand before any other import of the package.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache_folder("jax")))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")

@@ -1,0 +1,115 @@
+"""Labelled clouds, and training batches drawn from them as a pure function of (seed, step).
+
+Axes: S scenarios, B clouds, N points, F features. Nothing here remembers what was drawn before, so a run that resumes
+at step k sees exactly the batches that an undisturbed run would.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.config import TRAINED_METHODS
+from jaxmm.preprocess import augmentations
+
+
+class LabelledCloud(NamedTuple):
+    """One preprocessed cloud, seen from its own side of the pair; N points, each a real return of the sensor."""
+
+    points: np.ndarray  # (N, 3) float32 [m] world frame
+    distance: np.ndarray  # (N,) float32 [m] to the other cloud of the pair; the room's diagonal where that is empty
+    element: np.ndarray  # (N,) int32 instance that was hit
+    heuristic: np.ndarray  # (N,) bool the thesis's label: a distance threshold, then its cluster filter
+    true: np.ndarray  # (N,) bool the return came from the mismatch
+    testable: np.ndarray  # (N,) bool prior and reality differ measurably along this very ray
+
+
+class Batch(NamedTuple):
+    """What one joint training step consumes; fixed shapes, padding marked."""
+
+    features: np.ndarray  # (S, B, N, F) float32
+    labels: np.ndarray  # (S, B, N) bool; arbitrary where mask is False
+    mask: np.ndarray  # (S, B, N) bool; False marks padding
+    seeds: np.ndarray  # (S, B) uint32, of each cloud's dropout
+
+
+def features_of(method: str, points: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """The network's input (N, F) float32: the NN distance [m], after absolute coordinates [m] for `xyz_nn`."""
+    column = np.asarray(distance, np.float32)[:, None]
+    return column if TRAINED_METHODS[method] == 1 else np.concatenate([np.asarray(points, np.float32), column], axis=1)
+
+
+class Sampler(NamedTuple):
+    """Draws the batches of one method. `clouds[s]` are the training clouds of scenario s."""
+
+    clouds: Sequence[Sequence[LabelledCloud]]
+    method: str
+    label_kind: str  # "heuristic" or "true"
+    batch_size: int
+    point_count: int  # points per cloud; longer clouds are thinned at random, shorter ones padded
+    copies: int  # 4 with the augmented copies of each cloud, else 1
+    seed: int
+
+    def batch(self, step: int) -> Batch:
+        """The batch of training step `step`, counted from 0. Each epoch is a new permutation of clouds and copies."""
+        shape = (len(self.clouds), self.batch_size, self.point_count)
+        batch = Batch(
+            features=np.zeros((*shape, TRAINED_METHODS[self.method]), np.float32),
+            labels=np.zeros(shape, bool),
+            mask=np.zeros(shape, bool),
+            seeds=_generator(self.seed, 0, step).integers(0, 2**32, shape[:2], np.uint32),
+        )
+        for scenario, clouds in enumerate(self.clouds):
+            for slot in range(self.batch_size):
+                epoch, place = divmod(step * self.batch_size + slot, len(clouds) * self.copies)
+                item = _epoch_order(self.seed, scenario, epoch, len(clouds) * self.copies)[place]
+                index, copy = divmod(int(item), self.copies)
+                rng = _generator(self.seed, 1, scenario, step, slot)
+                _fill(batch, (scenario, slot), self._moved(clouds[index], scenario, index, copy), self, rng)
+        return batch
+
+    def _moved(self, cloud: LabelledCloud, scenario: int, index: int, copy: int) -> LabelledCloud:
+        """Copy 0 is the cloud itself; 1 to 3 are its fixed augmentations."""
+        if copy == 0:
+            return cloud
+        moves = augmentations(_generator(self.seed, 2, scenario, index))
+        return cloud._replace(points=moves[copy - 1].apply(cloud.points))
+
+
+def validation_batch(
+    clouds: Sequence[Sequence[LabelledCloud]], method: str, label_kind: str, point_count: int
+) -> Batch:
+    """All validation clouds as one batch, B the most of any scenario; thinned to at most `point_count` points."""
+    shape = (len(clouds), max(map(len, clouds)), point_count)
+    batch = Batch(
+        np.zeros((*shape, TRAINED_METHODS[method]), np.float32),
+        np.zeros(shape, bool),
+        np.zeros(shape, bool),
+        np.zeros(shape[:2], np.uint32),
+    )
+    sampler = Sampler(clouds, method, label_kind, shape[1], point_count, 1, 0)
+    for scenario, members in enumerate(clouds):
+        for slot, cloud in enumerate(members):
+            _fill(batch, (scenario, slot), cloud, sampler, _generator(0, 3, scenario, slot))
+    return batch
+
+
+def _fill(
+    batch: Batch, place: tuple[int, int], cloud: LabelledCloud, sampler: Sampler, rng: np.random.Generator
+) -> None:
+    count = len(cloud.points)
+    chosen = np.arange(count) if count <= sampler.point_count else rng.permutation(count)[: sampler.point_count]
+    labels = cloud.heuristic if sampler.label_kind == "heuristic" else cloud.true
+    batch.features[place][: len(chosen)] = features_of(sampler.method, cloud.points[chosen], cloud.distance[chosen])
+    batch.labels[place][: len(chosen)] = labels[chosen]
+    batch.mask[place][: len(chosen)] = True
+
+
+@lru_cache(maxsize=64)
+def _epoch_order(seed: int, scenario: int, epoch: int, count: int) -> np.ndarray:
+    return _generator(seed, 4, scenario, epoch).permutation(count)
+
+
+def _generator(*key: int) -> np.random.Generator:
+    return np.random.default_rng(key)

@@ -1,0 +1,227 @@
+"""Settings of a run: one frozen dataclass per stage, filled from a TOML file that says only what differs."""
+
+import dataclasses
+import math
+import tomllib
+import typing
+from pathlib import Path
+from typing import Any
+
+from jaxmm.inputs import InputError
+
+SCENARIOS = ("pillar_added", "wall_added", "pillar_removed", "wall_removed")
+CONDITIONS = ("clean", "occluded")
+TRAINED_METHODS = {"nn": 1, "xyz_nn": 4}  # method -> features per point
+
+
+class ConfigError(InputError):
+    """A setting that is unknown, of the wrong type, or out of range; one line that says where."""
+
+
+def bounded(default: Any, low: float = -math.inf, high: float = math.inf) -> Any:
+    """A field whose numbers must lie within [low, high]."""
+    return dataclasses.field(default=default, metadata={"low": low, "high": high})
+
+
+def one_of(default: str, *choices: str) -> Any:
+    """A field that takes one of a few words."""
+    return dataclasses.field(default=default, metadata={"choices": choices})
+
+
+@dataclasses.dataclass(frozen=True)
+class DataConfig:
+    """How many rooms, from which seeds. Each scenario has its own count of rooms, each room clean and occluded."""
+
+    train_rooms: int = bounded(96, 1)
+    validation_rooms: int = bounded(24, 1)
+    test_rooms: int = bounded(100, 1)
+    unchanged_rooms: int = bounded(24, 0)  # training rooms without a mismatch, for every model; a quarter to validate
+    train_seed: int = bounded(1, 0, 2**63 - 1)
+    validation_seed: int = bounded(2, 0, 2**63 - 1)
+    test_seed: int = bounded(3, 0, 2**63 - 1)
+
+    def __post_init__(self):
+        seeds = (self.train_seed, self.validation_seed, self.test_seed)
+        if len(set(seeds)) < 3:
+            raise ConfigError(f"train, validation and test seeds must differ, got {seeds}")
+
+
+@dataclasses.dataclass(frozen=True)
+class ScanConfig:
+    """The sensor: an 80 x 55 degree pinhole camera that measures ranges."""
+
+    width: int = bounded(320, 1, 8192)  # [pixels]
+    height: int = bounded(200, 1, 8192)  # [pixels]
+    sensor_height: float = bounded(1.0, 0.3, 2.5)  # [m] above the floor
+    range_noise: float = bounded(0.0, 0.0, 1.0)  # [m] standard deviation along the ray, robot scan only
+
+
+@dataclasses.dataclass(frozen=True)
+class PreprocessConfig:
+    """From a raw scan to the cloud that a network sees."""
+
+    object_filter: str = one_of("height", "height", "semantic", "none")  # semantic: by the simulator's class ids
+    filter_height: float = bounded(2.0, 0.0, 10.0)  # [m] above the floor that an object's top must reach
+    voxel_size: float = bounded(0.1, 0.001, 10.0)  # [m]
+    outlier_removal: bool = False
+    label_distance: float = bounded(0.09, 0.0, 10.0)  # [m] NN distance beyond which the thesis calls a point changed
+
+
+@dataclasses.dataclass(frozen=True)
+class NetworkConfig:
+    """Widths of the per-point network; the defaults are the thesis's."""
+
+    encoder: tuple[int, ...] = bounded((64, 128, 256, 512), 1)
+    head: tuple[int, ...] = bounded((256, 128), 1)
+    dropout: float = bounded(0.3, 0.0, 0.99)
+
+    def __post_init__(self):
+        if not self.encoder or not self.head:
+            raise ConfigError("encoder and head must have at least one layer each")
+
+
+@dataclasses.dataclass(frozen=True)
+class LossConfig:
+    """Focal loss; see losses.focal_loss for the two forms."""
+
+    form: str = one_of("released", "released", "balanced")
+    alpha: float = bounded(10.0, 0.0)
+    gamma: float = bounded(2.0, 0.0, 10.0)
+
+    def __post_init__(self):
+        if self.form == "balanced" and self.alpha > 1:
+            raise ConfigError(f"alpha must lie in [0, 1] in the balanced form, got {self.alpha}")
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainConfig:
+    """The joint training of the four models. Adam and weight decay (added to the gradient) as in the thesis."""
+
+    methods: tuple[str, ...] = ("nn", "xyz_nn")
+    labels: str = one_of("heuristic", "heuristic", "true")
+    step_count: int = bounded(3000, 1)
+    batch_size: int = bounded(8, 1, 4096)  # clouds a step and model
+    points_per_cloud: int = bounded(4096, 16)  # a longer cloud is thinned at random, anew at every step
+    learning_rate: float = bounded(5e-5, 0.0, 1.0)
+    weight_decay: float = bounded(1e-4, 0.0, 1.0)
+    augment: tuple[str, ...] = ("xyz_nn",)  # methods that also see the three moved copies of each cloud
+    validate_every: int = bounded(100, 1)  # [steps]; a checkpoint is written at each validation
+    patience: int = bounded(10, 0)  # validations without improvement after which a model stops; 0: never
+    map_models: str = one_of("map", "map", "vmap")  # one after the other, or side by side, inside the one step
+
+    def __post_init__(self):
+        for name in ("methods", "augment"):
+            if unknown := set(getattr(self, name)) - set(TRAINED_METHODS):
+                raise ConfigError(f"{name} must be some of {sorted(TRAINED_METHODS)}, got {sorted(unknown)}")
+        if not self.methods or len(set(self.methods)) < len(self.methods):
+            raise ConfigError(f"methods must name each method once, at least one, got {list(self.methods)}")
+
+
+@dataclasses.dataclass(frozen=True)
+class EvaluateConfig:
+    """How a row of a table is made."""
+
+    threshold: float = bounded(0.6, 0.0, 1.0)  # probability from which a point counts as changed
+    least_positives: int = bounded(20, 1)  # a room with fewer testable positives does not enter a row's mean
+    resamples: int = bounded(2000, 100)  # of the bootstrap over rooms
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Everything a run needs. `room` holds fields of warp_scanner's RoomConfig, checked where rooms are made."""
+
+    seed: int = bounded(0, 0, 2**31 - 1)  # of the models' initial weights, batches and dropout
+    data: DataConfig = DataConfig()
+    scan: ScanConfig = ScanConfig()
+    room: tuple[tuple[str, Any], ...] = ()
+    preprocess: PreprocessConfig = PreprocessConfig()
+    network: NetworkConfig = NetworkConfig()
+    loss: LossConfig = LossConfig()
+    train: TrainConfig = TrainConfig()
+    evaluate: EvaluateConfig = EvaluateConfig()
+
+
+def load(path: Path | str) -> Config:
+    """Read a Config from a TOML file; keys left out keep their defaults.
+
+    Raises:
+        ConfigError: the file is missing or no TOML, or a setting is unknown, of the wrong type, or out of range.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise ConfigError(f"{path}: cannot read the config: {reason}") from error
+    return parse(text, where=str(path))
+
+
+def parse(text: str, where: str) -> Config:
+    """Read a Config from TOML text; `where` opens the messages of errors."""
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{where}: not valid TOML: {error}") from error
+    return build(Config, values, where)
+
+
+def build(kind: type, values: dict[str, Any], where: str) -> Any:
+    """Fill the settings class `kind`, checking names, types and ranges.
+
+    Raises:
+        ConfigError: one line that names the setting, what was expected and what came.
+    """
+    fields = {field.name: field for field in dataclasses.fields(kind)}
+    if unknown := values.keys() - fields.keys():
+        raise ConfigError(f"{where}: unknown {', '.join(sorted(unknown))}; expected some of {', '.join(fields)}")
+    converted = {key: _convert(fields[key], value, f"{where}: {key}") for key, value in values.items()}
+    try:
+        return kind(**converted)
+    except ConfigError:
+        raise
+    except ValueError as error:
+        raise ConfigError(f"{where}: {error}") from error
+
+
+def _convert(field: dataclasses.Field, value: Any, where: str) -> Any:
+    if dataclasses.is_dataclass(field.type):
+        if not isinstance(value, dict):
+            raise ConfigError(f"{where}: expected a table, got {value!r}")
+        try:
+            return build(field.type, value, where)
+        except ConfigError as error:
+            message = str(error)
+            raise ConfigError(message if message.startswith(where) else f"{where}: {message}") from error
+    if field.name == "room":
+        if not isinstance(value, dict):
+            raise ConfigError(f"{where}: expected a table, got {value!r}")
+        return tuple((key, _frozen(item)) for key, item in sorted(value.items()))
+    value = _typed(field.type, value, where)
+    _check_range(field, value, where)
+    return value
+
+
+def _typed(kind: Any, value: Any, where: str) -> Any:
+    if typing.get_origin(kind) is tuple:
+        if not isinstance(value, list):
+            raise ConfigError(f"{where}: expected a list, got {value!r}")
+        return tuple(_typed(typing.get_args(kind)[0], item, where) for item in value)
+    if kind is float and type(value) is int:
+        return float(value)
+    if type(value) is not kind:  # exactly: True is an int to isinstance
+        raise ConfigError(f"{where}: expected {kind.__name__}, got {value!r}")
+    return value
+
+
+def _check_range(field: dataclasses.Field, value: Any, where: str) -> None:
+    choices = field.metadata.get("choices")
+    if choices and value not in choices:
+        raise ConfigError(f"{where}: expected one of {', '.join(choices)}, got {value!r}")
+    low, high = field.metadata.get("low", -math.inf), field.metadata.get("high", math.inf)
+    for number in value if isinstance(value, tuple) else (value,):
+        if isinstance(number, int | float) and not low <= number <= high:
+            bounds = f"at least {low:g}" if high == math.inf else f"from {low:g} to {high:g}"
+            raise ConfigError(f"{where}: expected {bounds}, got {number!r}")
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(item) for item in value) if isinstance(value, list) else value

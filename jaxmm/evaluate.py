@@ -1,0 +1,112 @@
+"""Scores of one held-out room: how each method ranks its points, and which boxes it finds."""
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jaxmm.batches import LabelledCloud, features_of
+from jaxmm.box_match import count_boxes
+from jaxmm.boxes import Box, BoxSettings, fit_boxes
+from jaxmm.config import SCENARIOS, Config, NetworkConfig
+from jaxmm.metrics import point_metrics
+from jaxmm.tables import LABEL_KINDS
+from jaxmm.train import Model, probabilities
+
+CONTROL = "nn-raw"  # the distance itself, without a network
+BUCKET = 4096  # clouds are padded to a multiple of this many points, so that few shapes are compiled
+
+
+class RoomTruth(NamedTuple):
+    """What the simulator knows of one room."""
+
+    index: int
+    box: Box  # of the changed object
+    observable_fraction: float  # testable rays of the object over the rays that would hit it if it stood alone
+
+
+def predict(model: Model, features: np.ndarray, network: NetworkConfig) -> np.ndarray:
+    """Probabilities (N,) float32 of one cloud's features (N, F) under one model."""
+    count = len(features)
+    padded = np.zeros((max(-(-count // BUCKET), 1) * BUCKET, features.shape[1]), np.float32)
+    padded[:count] = features
+    return np.asarray(probabilities(model, padded, np.arange(len(padded)) < count, network))[:count]
+
+
+def scores_of(cloud: LabelledCloud, scenario: str, models: dict[str, Model], network: NetworkConfig) -> dict[str, Any]:
+    """Score (N,) of every point by method: the control's is a distance [m], the others' are probabilities."""
+    scores = {CONTROL: cloud.distance}
+    for method, stacked in models.items():
+        model = pick_model(stacked, scenario)
+        scores[method] = predict(model, features_of(method, cloud.points, cloud.distance), network)
+    return scores
+
+
+def pick_model(stacked: Model, scenario: str) -> Model:
+    """One scenario's model out of the four."""
+    return jax.tree.map(lambda leaf: leaf[SCENARIOS.index(scenario)], stacked)
+
+
+def find_boxes(points: np.ndarray, score: np.ndarray, scenario: str, method: str, config: Config) -> list[Box]:
+    """Boxes of one scenario's model. For the control a point is changed where the labels' own threshold says so."""
+    probability = (score > config.preprocess.label_distance).astype(np.float32) if method == CONTROL else score
+    settings = BoxSettings(threshold=config.evaluate.threshold)
+    return fit_boxes(points, probability, scenario.split("_")[0], settings)
+
+
+def score_room(cloud: LabelledCloud, truth: RoomTruth, scenario: str, scores: dict[str, np.ndarray], config: Config):
+    """Everything a table needs of one room, as JSON.
+
+    On true labels a return from the mismatch that is not testable is void: no method could know.
+    """
+    labels = {"heuristic": (cloud.heuristic, None), "true": (cloud.true, cloud.true & ~cloud.testable)}
+    methods = {}
+    for method, score in scores.items():
+        boxes = find_boxes(cloud.points, score, scenario, method, config)
+        counts = count_boxes(boxes, [truth.box])
+        methods[method] = {
+            "boxes": [box_as_json(box, scenario) for box in boxes],
+            "boxes_matched": counts.matched,
+            "boxes_found": counts.found,
+            "boxes_true": counts.truth,
+            "metrics": {kind: point_metrics(score, *labels[kind])._asdict() for kind in LABEL_KINDS},
+        }
+    return {
+        "room": truth.index,
+        "points": len(cloud.points),
+        "positives": {"heuristic": int(cloud.heuristic.sum()), "true": int((cloud.true & cloud.testable).sum())},
+        "observable_fraction": truth.observable_fraction,
+        "true_box": box_as_json(truth.box, scenario),
+        "methods": methods,
+    }
+
+
+def flat_rooms(rooms: list[dict[str, Any]], scenario: str, condition: str) -> list[dict[str, Any]]:
+    """One flat dict per room, label kind and method, in that order of meaning: what tables.table_rows takes."""
+    return [
+        {
+            "scenario": scenario,
+            "condition": condition,
+            "label_kind": kind,
+            "method": method,
+            "positives": room["positives"][kind],
+            "observable_fraction": room["observable_fraction"],
+            **{name: scored[name] for name in ("boxes_matched", "boxes_found", "boxes_true")},
+            **scored["metrics"][kind],
+        }
+        for room in rooms
+        for kind in LABEL_KINDS
+        for method, scored in room["methods"].items()
+    ]
+
+
+def box_as_json(box: Box, scenario: str) -> dict[str, Any]:
+    """A box under the names of the report contract: metres, world frame, rotation a yaw in degrees."""
+    return {
+        "object_type": box.object_type,
+        "mismatch_type": scenario.split("_")[1],
+        "center": [round(float(value), 6) for value in box.center],
+        "dimensions": [round(float(value), 6) for value in box.dimensions],
+        "rotation": float(box.rotation),
+        "probability": float(box.probability),
+    }

@@ -1,0 +1,148 @@
+"""Joins simulator and learning: rooms are scanned and become labelled clouds, for training and for evaluation."""
+
+import dataclasses
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.batches import LabelledCloud
+from jaxmm.boxes import Box
+from jaxmm.config import Config, ConfigError
+from jaxmm.evaluate import RoomTruth
+from jaxmm.labels import filter_labels, heuristic_labels
+from jaxmm.preprocess import nearest_distance, object_filter, outlier_mask, structural_filter, voxel_downsample
+from jaxmm.runs import write_arrays
+from warp_scanner.pairs import PairConfig, Pairs, make_pairs, points_of
+from warp_scanner.rooms import RoomConfig
+from warp_scanner.scenes import STRUCTURE
+from warp_scanner.sensors import Pinhole
+
+ROOMS_AT_ONCE = 16
+UNCHANGED = "unchanged"
+
+
+class CloudSource(NamedTuple):
+    """Which clouds: the side and object type of one model, out of scenes of a kind."""
+
+    scenario: str  # whose model the clouds are for: it fixes the side that is scored, and the object type
+    scene: str  # that scenario, or UNCHANGED
+    condition: str  # "clean" | "occluded"
+    seed: int
+
+
+def pair_config(config: Config, source: CloudSource) -> PairConfig:
+    """The simulator's settings for one kind of pair.
+
+    Raises:
+        ConfigError: a `room` setting is unknown, of the wrong type or out of range.
+    """
+    return PairConfig(
+        seed=source.seed,
+        scenario=source.scene,
+        condition=source.condition,
+        room=room_config(config),
+        sensor=Pinhole(config.scan.width, config.scan.height),
+        sensor_height=config.scan.sensor_height,
+        range_noise=config.scan.range_noise,
+    )
+
+
+def room_config(config: Config) -> RoomConfig:
+    """The simulator's room settings: its defaults, but for what the config's `room` table says."""
+    fields = {field.name: field.default for field in dataclasses.fields(RoomConfig)}
+    for name, value in config.room:
+        if name not in fields:
+            raise ConfigError(f"room: unknown {name}; expected some of {', '.join(fields)}")
+        if np.shape(value) != np.shape(fields[name]) or not np.issubdtype(np.asarray(value).dtype, np.number):
+            raise ConfigError(f"room: {name}: expected something like {fields[name]!r}, got {value!r}")
+    try:
+        return RoomConfig(**dict(config.room))
+    except ValueError as error:
+        raise ConfigError(f"room: {error}") from error
+
+
+def clouds(config: Config, source: CloudSource, index: np.ndarray) -> Iterator[tuple[LabelledCloud, RoomTruth]]:
+    """The clouds of the given rooms, each a pure function of (config, source, its index), a few rooms at a time."""
+    settings = pair_config(config, source)
+    with ThreadPoolExecutor() as pool:
+        for start in range(0, len(index), ROOMS_AT_ONCE):
+            part = np.asarray(index[start : start + ROOMS_AT_ONCE])
+            pairs = make_pairs(settings, part)
+            made = pool.map(lambda row, pairs=pairs: _cloud(config, source, pairs, row), range(len(part)))
+            for row, cloud in enumerate(made):
+                yield cloud, _truth(source, pairs, row, int(part[row]))
+
+
+def _cloud(config: Config, source: CloudSource, pairs: Pairs, row: int) -> LabelledCloud:
+    """Preprocess both scans of one pair and label the side that the scenario's model sees."""
+    dt, robot = (_preprocessed(config, pairs, scan, row) for scan in (pairs.dt, pairs.robot))
+    removed = source.scenario.endswith("removed")
+    (points, pixel), (other, _) = (dt, robot) if removed else (robot, dt)
+    scan, changed, testable = (
+        (pairs.dt, pairs.changed_dt, pairs.testable_dt)
+        if removed
+        else (pairs.robot, pairs.changed_robot, pairs.testable_robot)
+    )
+    element = scan.element[row, pixel]
+    if len(other):
+        distance = nearest_distance(points, other)
+    else:  # the sensor faces a wall so closely that nothing it sees counts as structure: all is far from nothing
+        distance = np.full(len(points), np.linalg.norm(room_config(config).size), np.float32)
+    heuristic = heuristic_labels(distance, config.preprocess.label_distance)
+    if removed:
+        heuristic = filter_labels(points, element, heuristic, source.scenario.split("_")[0])
+    return LabelledCloud(points, distance, element, heuristic, changed[row, pixel], testable[row, pixel])
+
+
+def _preprocessed(config: Config, pairs: Pairs, scan, row: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, 3) float32 of one scan that survive the filters, and the pixels (N,) they came from."""
+    settings, height = config.preprocess, room_config(config).size[2]
+    pose = type(pairs.pose)(*(field[row : row + 1] for field in pairs.pose))
+    points = points_of(pose, pairs.directions, scan.distance[row : row + 1])[0]
+    pixel = np.flatnonzero(np.isfinite(scan.distance[row]))
+    if settings.object_filter == "height":
+        keep = object_filter(
+            points[pixel], scan.element[row, pixel], -height / 2, height / 2, threshold=settings.filter_height
+        )
+        pixel = pixel[keep]
+    elif settings.object_filter == "semantic":
+        pixel = pixel[structural_filter(scan.semantic[row, pixel], STRUCTURE)]
+    pixel = pixel[voxel_downsample(points[pixel], settings.voxel_size)]
+    if settings.outlier_removal:
+        pixel = pixel[~outlier_mask(points[pixel])]
+    return points[pixel], pixel
+
+
+def _truth(source: CloudSource, pairs: Pairs, row: int, index: int) -> RoomTruth:
+    box = pairs.box
+    truth = Box(source.scenario.split("_")[0], box.center[row], box.size[row], float(box.yaw[row]))
+    return RoomTruth(index, truth, float(pairs.observable_fraction[row]))
+
+
+def cached_clouds(config: Config, source: CloudSource, count: int, path: Path) -> Iterator[LabelledCloud]:
+    """The first `count` rooms' clouds, read from `path` when it is there, else made and stored."""
+    if not path.exists():
+        made = []
+        for cloud, _ in clouds(config, source, np.arange(count)):
+            made.append(cloud)
+            yield cloud
+        _store(path, made)
+        return
+    yield from _stored(path)
+
+
+def _store(path: Path, made: list[LabelledCloud]) -> None:
+    """One array per field, the clouds one after the other."""
+    fields = zip(LabelledCloud._fields, zip(*made, strict=True), strict=True)
+    arrays = {name: np.concatenate(parts) for name, parts in fields}
+    write_arrays(path, arrays | {"count": np.array([len(cloud.points) for cloud in made])})
+
+
+def _stored(path: Path) -> list[LabelledCloud]:
+    with np.load(path, allow_pickle=False) as arrays:
+        ends = np.cumsum(arrays["count"])[:-1]
+        fields = [np.split(arrays[name], ends) for name in LabelledCloud._fields]
+    return [LabelledCloud(*values) for values in zip(*fields, strict=True)]

@@ -1,0 +1,194 @@
+"""The main job in stages, each of which picks up where a killed run left off: data, training, evaluation, tables."""
+
+import json
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from jaxmm import evaluate, figures, pipeline, room_figures, runs, tables
+from jaxmm.batches import LabelledCloud, Sampler, validation_batch
+from jaxmm.boxes import Box, sentence
+from jaxmm.config import CONDITIONS, SCENARIOS, Config
+from jaxmm.fit import Record, fit
+from jaxmm.pipeline import UNCHANGED, CloudSource
+from jaxmm.train import Model
+
+SENTENCES = "sentences.json"
+
+
+def reproduce(config: Config, folder: Path) -> None:
+    """Generate, train, evaluate; write tables and figures into the run folder and the table to the terminal."""
+    pipeline.room_config(config)  # refuses bad room settings before anything is written
+    with runs.open_run(folder, config):
+        models = train_stage(config, folder)
+        rooms = evaluate_stage(config, folder, models, config.data.test_rooms)
+        write_results(config, folder, rooms)
+        figure_stage(config, folder)
+    _print_results(folder)
+
+
+def train_stage(config: Config, folder: Path) -> dict[str, Model]:
+    """Train all methods, or take them from the run folder when they are there."""
+    if (folder / runs.MODELS).exists():
+        return runs.load_models(folder)[0]
+    training = [_training_clouds(config, folder, scenario, "train") for scenario in SCENARIOS]
+    validation = [_training_clouds(config, folder, scenario, "validation") for scenario in SCENARIOS]
+    models, records = {}, []
+    for method in config.train.methods:
+        models[method], own = _train(config, folder, (method, training, validation, records))
+        records = records + own
+    runs.write_records(folder, records)
+    runs.save_models(folder / runs.MODELS, models, config)
+    return models
+
+
+def _train(config: Config, folder: Path, what: tuple) -> tuple[Model, list[Record]]:
+    method, training, validation, earlier = what
+    settings = config.train
+    copies = 4 if method in settings.augment else 1
+    shape = (settings.batch_size, settings.points_per_cloud)
+    sampler = Sampler(training, method, settings.labels, *shape, copies, config.seed)
+    held_out = validation_batch(validation, method, settings.labels, settings.points_per_cloud)
+    with _bar(f"train {method}: four models, one step", settings.step_count, "step") as bar:
+        written = 0
+
+        def report(step: int, records: list[Record]) -> None:
+            nonlocal written
+            bar.update(step - bar.n)
+            if len(records) > written:
+                written = len(records)
+                runs.write_records(folder, earlier + records)
+
+        return fit(sampler, held_out, config, folder / "checkpoints" / method, report)
+
+
+def _training_clouds(config: Config, folder: Path, scenario: str, split: str) -> list[LabelledCloud]:
+    """One model's clouds: its scenario's rooms, and rooms where nothing changed, each clean and occluded."""
+    data = config.data
+    seed, count = (
+        (data.train_seed, data.train_rooms) if split == "train" else (data.validation_seed, data.validation_rooms)
+    )
+    unchanged = data.unchanged_rooms if split == "train" else data.unchanged_rooms // 4
+    clouds = []
+    for scene, rooms in ((scenario, count), (UNCHANGED, unchanged)):
+        for condition in CONDITIONS if rooms else ():
+            source = CloudSource(scenario, scene, condition, seed)
+            kind = scenario if scene == scenario else f"{scenario}_{UNCHANGED}"
+            path = folder / "data" / f"{split}_{kind}_{condition}.npz"
+            label = f"scan {split} rooms: {kind.replace('_', ' ')}, {condition}"
+            clouds += _progress(pipeline.cached_clouds(config, source, rooms, path), label, rooms)
+    return clouds
+
+
+def evaluate_stage(
+    config: Config, folder: Path, models: dict[str, Model], room_count: int, rows: Iterable[tuple[str, str]] = ()
+) -> dict[tuple[str, str], list[dict[str, Any]]]:
+    """Scores of the test rooms by (scenario, condition); rows that the folder already holds are not made again."""
+    scored = {}
+    for scenario, condition in rows or [(scenario, condition) for scenario in SCENARIOS for condition in CONDITIONS]:
+        path = folder / "rooms" / f"{scenario}_{condition}.json"
+        if not path.exists():
+            source = CloudSource(scenario, scenario, condition, config.data.test_seed)
+            runs.write_json(path, list(_score_rooms(config, folder, models, source, room_count)))
+        scored[scenario, condition] = json.loads(path.read_text())
+    return scored
+
+
+def _score_rooms(
+    config: Config, folder: Path, models: dict[str, Model], source: CloudSource, count: int
+) -> Iterator[dict[str, Any]]:
+    """Score room after room; the first with enough positives is kept whole, for the figures."""
+    example = folder / "rooms" / f"{source.scenario}_{source.condition}.npz"
+    kept = False
+    made = pipeline.clouds(config, source, np.arange(count))
+    label = f"score test rooms: {source.scenario.replace('_', ' ')}, {source.condition}"
+    for cloud, truth in _progress(made, label, count):
+        scores = evaluate.scores_of(cloud, source.scenario, models, config.network)
+        if not kept and (cloud.true & cloud.testable).sum() >= config.evaluate.least_positives:
+            kept = True
+            arrays = {"points": cloud.points, "true": cloud.true, "room": np.array(truth.index)}
+            runs.write_arrays(example, arrays | {f"score {method}": score for method, score in scores.items()})
+        yield evaluate.score_room(cloud, truth, source.scenario, scores, config)
+
+
+def write_results(config: Config, folder: Path, rooms: dict[tuple[str, str], list[dict[str, Any]]]) -> None:
+    """Write the table in its three forms, and what the models say in words."""
+    flat = [room for key, members in rooms.items() for room in evaluate.flat_rooms(members, *key)]
+    rows = tables.table_rows(flat, config.evaluate, tables.reported_values())
+    meta = {
+        "seed": config.seed,
+        "test_seed": config.data.test_seed,
+        "test_rooms_per_row": max(map(len, rooms.values())),
+        "least_positives": config.evaluate.least_positives,
+        "interval": "95 % percentile bootstrap over rooms",
+        "range_noise": config.scan.range_noise,
+        "versions": runs.versions(),
+    }
+    tables.write_table(folder, rows, meta)
+    runs.write_json(folder / SENTENCES, _sentences(rooms, config.train.methods[0]))
+
+
+def _sentences(rooms: dict[tuple[str, str], list[dict[str, Any]]], method: str) -> list[dict[str, Any]]:
+    """Every box that one method found, in words, with where it was found and whether it is right."""
+    said = []
+    for (scenario, condition), members in rooms.items():
+        for room in members:
+            scored = room["methods"][method]
+            for box in scored["boxes"]:
+                arrays = np.array(box["center"]), np.array(box["dimensions"])
+                text = sentence(Box(box["object_type"], *arrays), box["mismatch_type"])
+                right = scored["boxes_matched"] == scored["boxes_found"]
+                place = {"scenario": scenario, "condition": condition, "room": room["room"], "method": method}
+                said.append(place | {"all_boxes_of_the_room_are_right": right, "sentence": text})
+    return said
+
+
+def figure_stage(config: Config, folder: Path) -> None:
+    """Draw training curves of each method, and for each row one test room as each method sees it."""
+    records = [json.loads(line) for line in (folder / runs.METRICS).read_text().splitlines()]
+    for method in config.train.methods:
+        curves = figures.curves_from_records(records, method, SCENARIOS)
+        figures.loss_curves(curves, folder / "figures" / f"loss_{method}.png", f"{method}: focal loss")
+        figures.validation_curves(curves, folder / "figures" / f"validation_{method}.png", f"{method}: validation")
+    examples = sorted((folder / "rooms").glob("*.npz"))
+    for path in _progress(examples, "draw figures", len(examples)):
+        with np.load(path, allow_pickle=False) as arrays:
+            for method in config.train.methods:
+                cloud = room_figures.ScoredCloud(arrays["points"], arrays[f"score {method}"], arrays["true"])
+                title = f"{method} · {path.stem.replace('_', ' ')} · test room {int(arrays['room'])}, true labels"
+                target = folder / "figures" / f"{path.stem}_{method}.png"
+                room_figures.room_report(cloud, target, title, config.evaluate.threshold)
+
+
+def _print_results(folder: Path) -> None:
+    print(tables.as_terminal(tables.read_rows(folder)))
+    print(f"run folder: {folder}")
+    for said in _one_per_scenario(json.loads((folder / SENTENCES).read_text()))[:3]:
+        print(
+            f"{said['scenario']}, {said['condition']}, test room {said['room']}, {said['method']}: {said['sentence']}"
+        )
+
+
+def _one_per_scenario(said: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    first: dict[str, dict[str, Any]] = {}
+    for item in said:
+        first.setdefault(item["scenario"], item)
+    return list(first.values())
+
+
+def _progress(items: Iterable, label: str, total: int) -> Iterator:
+    with _bar(label, total, "room") as bar:
+        for item in items:
+            yield item
+            bar.update()
+
+
+def _bar(label: str, total: int, unit: str) -> tqdm:
+    """A progress bar with the time that remains; none where standard error is no terminal, but a line instead."""
+    if not sys.stderr.isatty():
+        print(label, file=sys.stderr)
+    return tqdm(total=total, desc=label, unit=unit, disable=None, dynamic_ncols=True, file=sys.stderr)

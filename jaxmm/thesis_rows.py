@@ -1,0 +1,97 @@
+"""`jaxmm thesis`: every test pair of the thesis's repository under one method, as rows of JSON."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from jaxmm.batches import features_of
+from jaxmm.config import SCENARIOS, Config, NetworkConfig
+from jaxmm.evaluate import CONTROL, box_as_json, find_boxes, pick_model, predict
+from jaxmm.inputs import InputError
+from jaxmm.network import from_torch
+from jaxmm.runs import load_models, versions, write_json
+from jaxmm.thesis import Scorer, find_pairs, find_weights, nn_raw, score_pair
+from jaxmm.torch_weights import read_state_dict
+from jaxmm.train import Model
+
+RELEASED = "released"
+
+
+def score_repository(root: Path, method: str, weights: Path | None, model: Path | None, out: Path) -> None:
+    """Score all test pairs below `root` and write {"rows": [...], "meta": {...}} to `out`.
+
+    Args:
+        root: the thesis's repository.
+        method: "released", "nn-raw", or a method that `model` was trained with.
+        weights: where the released .pth files are, when not below `root`; only for "released".
+        model: run folder or .safetensors file; only for our trained methods.
+        out: JSON file to write.
+
+    Raises:
+        InputError: files are missing or damaged, or an option does not fit the method.
+    """
+    if weights is not None and method != RELEASED:
+        raise InputError(f"--weights: only for --method {RELEASED}, got --method {method}")
+    trained = method not in (RELEASED, CONTROL)
+    if trained != (model is not None):
+        wish = "expected a run folder or .safetensors file" if trained else "only for our trained methods"
+        raise InputError(f"--model: {wish}, with --method {method}")
+    if not out.absolute().parent.is_dir():
+        raise InputError(f"--out: expected a file in an existing folder, got {out}")
+    pairs = find_pairs(root)
+    scorers = _scorers(method, weights or root, model, {pair.scenario for pair in pairs})
+    rows = []
+    for pair in pairs:
+        rows.append(score_pair(pair, scorers[pair.scenario], _box_finder(pair.scenario, method)))
+        print(_line(rows[-1]))
+    write_json(out, {"rows": rows, "meta": {"method": method, "versions": versions()}})
+
+
+def _scorers(method: str, weights: Path, model: Path | None, scenarios: set[str]) -> dict[str, Scorer]:
+    """Scenario -> function of (distance, points)."""
+    if method == CONTROL:
+        return dict.fromkeys(scenarios, nn_raw)
+    if method == RELEASED:
+        paths = find_weights(weights)
+        if missing := sorted(scenarios - paths.keys()):
+            raise InputError(f"{weights}: expected released networks of every scenario, found none of {missing}")
+        return {scenario: _released(paths[scenario]) for scenario in sorted(scenarios)}
+    models, config = load_models(model)
+    if method not in models:
+        raise InputError(f"{model}: expected models of method {method}, found {', '.join(models)}")
+    return {name: _network(pick_model(models[method], name), method, config.network) for name in SCENARIOS}
+
+
+def _released(path: Path) -> Scorer:
+    try:
+        params, batch_stats, network = from_torch(read_state_dict(path))
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+    inputs = params["conv1"]["kernel"].shape[0]
+    methods = {1: "nn", 4: "xyz_nn"}
+    if inputs not in methods:
+        raise InputError(f"{path}: expected a network of 1 or 4 features, got {inputs}")
+    return _network(Model(params, batch_stats), methods[inputs], network)
+
+
+def _network(model: Model, method: str, network: NetworkConfig) -> Scorer:
+    def score(distance: np.ndarray, points: np.ndarray) -> np.ndarray:
+        return predict(model, features_of(method, points, distance), network)
+
+    return score
+
+
+def _box_finder(scenario: str, method: str) -> Callable[[np.ndarray, np.ndarray], list[dict]]:
+    def boxes(points: np.ndarray, score: np.ndarray) -> list[dict]:
+        return [box_as_json(box, scenario) for box in find_boxes(points, score, scenario, method, Config())]
+
+    return boxes
+
+
+def _line(row: dict) -> str:
+    name = f"{row['source']} {row['scenario']} {row['room']} {row['condition']}"
+    if row["roc_auc"] is None:
+        return f"{name}: no positives, largest score {row['max_probability']:.4f}, {len(row['boxes'])} boxes"
+    scores = f"AUC {row['roc_auc']:.4f}, FPR@95 {row['fpr_at_95']:.4f}, P@95 {row['precision_at_95']:.4f}"
+    return f"{name}: {scores}, {len(row['boxes'])} boxes"

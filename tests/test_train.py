@@ -1,0 +1,168 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from jaxmm import train
+from jaxmm.batches import Batch
+from jaxmm.config import Config, NetworkConfig, TrainConfig
+
+CONFIG = Config(
+    network=NetworkConfig(encoder=(8, 16, 32), head=(16, 8), dropout=0.3),
+    train=TrainConfig(learning_rate=3e-3, batch_size=3),
+)
+MODES = ("map", "vmap")
+
+
+def in_mode(mode, config=CONFIG):
+    return dataclasses.replace(config, train=dataclasses.replace(config.train, map_models=mode))
+
+
+def pick(tree, index):
+    return jax.tree.map(lambda leaf: leaf[index], tree)
+
+
+def random_batch(step, features=1, scenarios=4, clouds=3, points=70):
+    """Clouds of unequal length whose positives have larger features."""
+    rng = np.random.default_rng([9, step])
+    labels = rng.random((scenarios, clouds, points)) < 0.2
+    values = rng.exponential(0.05, (*labels.shape, features)) + 0.3 * labels[..., None]
+    mask = np.arange(points) < rng.integers(points // 2, points + 1, (scenarios, clouds))[..., None]
+    seeds = rng.integers(0, 2**32, (scenarios, clouds), np.uint32)
+    return Batch(values.astype(np.float32), labels & mask, mask, seeds)
+
+
+def largest_difference(a, b):
+    return max(jax.tree.leaves(jax.tree.map(lambda x, y: float(jnp.max(jnp.abs(x - y))), a, b)))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_joint_training_is_four_separate_trainings(mode):
+    """In float64, to 1e-9 after 20 steps: nothing of one model may leak into another."""
+    config = in_mode(mode)
+    with jax.enable_x64(True):
+        states = jax.tree.map(
+            lambda leaf: leaf.astype(jnp.float64) if leaf.dtype == jnp.float32 else leaf,
+            train.init_all(jax.random.key(0), 1, config),
+        )
+        separate = [pick(states, index) for index in range(4)]
+        step_of_one = jax.jit(train.train_step, static_argnames="config")
+        for step in range(20):
+            batch = random_batch(step)
+            batch = batch._replace(features=batch.features.astype(np.float64))
+            states, losses = train.train_step_all(states, batch, config)
+            for index in range(4):
+                separate[index], loss = step_of_one(separate[index], pick(batch, index), config)
+                np.testing.assert_allclose(losses[index], loss, rtol=1e-9)
+        assert jax.tree.leaves(states.model.params)[0].dtype == jnp.float64
+        for index in range(4):
+            assert largest_difference(pick(states, index), separate[index]) < 1e-9
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_joint_gradients_in_float32(mode):
+    # Four features: with one, normalisation cancels the scale of the first kernel and its gradient is mostly rounding.
+    config, batch = in_mode(mode), random_batch(0, features=4)
+    states = train.init_all(jax.random.key(1), 4, config)
+    gradient = jax.jit(jax.grad(lambda params, stats, clouds: train.batch_loss(params, stats, clouds, config)[0]))
+    if mode == "vmap":
+        joint = jax.vmap(gradient)(*states.model, batch)
+    else:
+        joint = jax.lax.map(lambda one: gradient(*one), (*states.model, batch))
+    for index in range(4):
+        alone = gradient(*pick(states.model, index), pick(batch, index))
+        scale = optax.tree.norm(alone)
+        assert float(optax.tree.norm(jax.tree.map(jnp.subtract, pick(joint, index), alone)) / scale) < 1e-5
+
+
+def test_training_finds_the_changed_points():
+    network = dataclasses.replace(CONFIG.network, dropout=0.0)  # which a network this narrow would need long to bear
+    config = in_mode("map", dataclasses.replace(CONFIG, network=network))
+    states = train.init_all(jax.random.key(0), 4, config)
+    before = train.validate_all(states.model, random_batch(1000, features=4), config)
+    for step in range(200):
+        states, _ = train.train_step_all(states, random_batch(step, features=4), config)
+    after = train.validate_all(states.model, random_batch(1000, features=4), config)
+    assert (after.loss < 0.3 * before.loss).all()
+    assert (after.precision > 0.9).all() and (after.recall > 0.9).all()
+
+
+def test_validation_counts_as_numpy_does():
+    config, batch = CONFIG, random_batch(5)
+    models = train.init_all(jax.random.key(3), 1, config).model
+    result = train.validate_all(models, batch, config)
+    for index in range(4):
+        model = pick(models, index)
+        found, label = [], []
+        for cloud in range(3):
+            real = batch.mask[index, cloud]
+            p = train.probabilities(model, batch.features[index, cloud], real, config.network)
+            found.append(np.asarray(p)[real] >= config.evaluate.threshold)
+            label.append(batch.labels[index, cloud][real])
+        found, label = np.concatenate(found), np.concatenate(label)
+        hits = (found & label).sum()
+        np.testing.assert_allclose(result.recall[index], hits / label.sum())
+        np.testing.assert_allclose(result.precision[index], hits / found.sum() if found.sum() else np.nan)
+
+
+def test_steps_agree_with_torch():
+    """Network, loss and Adam with weight decay against torch autograd: losses of ten steps, no dropout, no padding."""
+    torch = pytest.importorskip("torch", reason="torch is an extra (peers)")
+    config = dataclasses.replace(CONFIG, network=NetworkConfig((8, 16), (12,), dropout=0.0))
+    state = train.init(jax.random.key(0), 4, config)
+    model = torch_model(torch, state.model.params)
+    adam = torch.optim.Adam(model.parameters(), config.train.learning_rate, weight_decay=config.train.weight_decay)
+    step_of_one = jax.jit(train.train_step, static_argnames="config")
+    for step in range(10):
+        batch = pick(random_batch(step, features=4), 0)
+        batch = batch._replace(mask=np.ones_like(batch.mask))
+        state, ours = step_of_one(state, batch, config)
+        logits = model(torch.from_numpy(batch.features.transpose(0, 2, 1)))
+        labels = torch.from_numpy(batch.labels.astype(np.float32))
+        entropy = torch.nn.functional.binary_cross_entropy_with_logits(logits, labels, reduction="none")
+        theirs = (config.loss.alpha * (1 - torch.exp(-entropy)) ** config.loss.gamma * entropy).mean()
+        adam.zero_grad()
+        theirs.backward()
+        adam.step()
+        np.testing.assert_allclose(ours, theirs.item(), rtol=1e-4)
+    # Running variances only: means carry the biases before normalisation, which torch moves at random (see Dense).
+    for name, moments in state.model.batch_stats.items():
+        expected = model.state_dict()[f"{name}.running_var"].numpy()
+        np.testing.assert_allclose(moments["var"], expected, rtol=1e-3)
+
+
+def torch_model(torch, params):
+    """The small network of the test above in torch, with the same initial weights."""
+    nn = torch.nn
+
+    class Witness(nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.conv1, self.conv2 = nn.Conv1d(4, 8, 1), nn.Conv1d(8, 16, 1)
+            self.bn1, self.bn2, self.seg_bn1 = nn.BatchNorm1d(8), nn.BatchNorm1d(16), nn.BatchNorm1d(12)
+            self.seg_conv1, self.seg_conv2 = nn.Conv1d(32, 12, 1), nn.Conv1d(12, 1, 1)
+
+        def forward(self, x):
+            x = torch.relu(self.bn2(self.conv2(torch.relu(self.bn1(self.conv1(x))))))
+            x = torch.cat([x, x.max(2, keepdim=True)[0].expand_as(x)], 1)
+            return self.seg_conv2(torch.relu(self.seg_bn1(self.seg_conv1(x))))[:, 0]
+
+    model = Witness()
+    with torch.no_grad():
+        for name in ("conv1", "conv2", "seg_conv1", "seg_conv2"):
+            kernel = np.array(params[name]["kernel"]).T[:, :, None]
+            getattr(model, name).weight.copy_(torch.from_numpy(kernel))
+            getattr(model, name).bias.copy_(torch.from_numpy(np.array(params[name]["bias"])))
+    return model
+
+
+def test_joint_step_compiles_once_for_one_shape():
+    config = in_mode("vmap", dataclasses.replace(CONFIG, seed=77))
+    states = train.init_all(jax.random.key(0), 1, config)
+    before = train.train_step_all._cache_size()
+    for step in range(3):
+        states, _ = train.train_step_all(states, random_batch(step), config)
+    assert train.train_step_all._cache_size() == before + 1
