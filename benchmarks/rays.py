@@ -1,0 +1,161 @@
+"""Rays per second on rooms of primitives, beside Open3D's RaycastingScene (Embree) on the same rays.
+
+    python -m benchmarks.rays [--json FILE]        a minute or two; needs the `peers` extra
+
+Ours answers with range, element and semantic class of the first surface along every ray, and prepares its scene while
+the clock runs. Open3D gets the rooms as triangles, cylinders with 64 sides; its scenes are built and its rays laid out
+before the clock starts, and what it costs to turn its triangle ids into elements is not counted either.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.timing import Timing, machine, measure_in_turns
+from warp_scanner import draws
+from warp_scanner.rooms import RoomConfig, make_rooms
+from warp_scanner.scan import Rays, cast_rays, cast_slots
+from warp_scanner.scenes import GAP, Primitives, scene_mesh, take
+from warp_scanner.sensors import OAK_D_PRO, OAK_D_PRO_SMALL, Pinhole, Standing, draw_poses, rotation_of
+
+PRIMITIVES = (130, 170)  # rooms of about 150 primitives
+
+
+class Embree:
+    """Open3D's ray caster on the rooms of a table."""
+
+    def __init__(self, primitives: Primitives, rays: Rays):
+        import open3d
+
+        self.core = open3d.core
+        self.scenes, self.slots, self.rays = [], [], []
+        for room in range(len(primitives.kind)):
+            vertices, triangles, slot = scene_mesh(primitives, room)
+            scene = open3d.t.geometry.RaycastingScene()
+            scene.add_triangles(
+                self.core.Tensor(vertices.astype(np.float32)), self.core.Tensor(triangles.astype(np.uint32))
+            )
+            directions = rays.direction @ rays.rotation[room].T
+            origin = np.broadcast_to(rays.origin[room], directions.shape)
+            self.rays.append(self.core.Tensor(np.concatenate([origin, directions], axis=1).astype(np.float32)))
+            self.scenes.append(scene)
+            self.slots.append(np.append(slot, -1).astype(np.int32))
+
+    def cast(self, threads: int) -> list[dict]:
+        """What Open3D answers, room by room."""
+        return [scene.cast_rays(rays, nthreads=threads) for scene, rays in zip(self.scenes, self.rays, strict=True)]
+
+    def cast_slots(self) -> tuple[np.ndarray, np.ndarray]:
+        """Distance and slot of the primitive hit, each (R, P), as ours."""
+        answers = self.cast(threads=0)
+        # The id of a miss is the largest uint32; the last entry of the table stands for it.
+        slots = [
+            slot[np.minimum(answer["primitive_ids"].numpy(), len(slot) - 1)]
+            for answer, slot in zip(answers, self.slots, strict=True)
+        ]
+        return np.stack([answer["t_hit"].numpy() for answer in answers]), np.stack(slots)
+
+
+def rooms_and_poses(count: int, sensor: Pinhole) -> tuple[Primitives, Rays]:
+    """Generated rooms with about 150 primitives and the rays of a sensor in free space in each."""
+    config, index = RoomConfig(), np.arange(40 * count)
+    primitives = make_rooms(config, 0, index)
+    pose, found = draw_poses(primitives, config.size, Standing(), draws.keys(0, index))
+    size = np.sum(primitives.kind != GAP, axis=1)
+    chosen = np.flatnonzero(found & (size >= PRIMITIVES[0]) & (size <= PRIMITIVES[1]))[:count]
+    rotation = rotation_of(pose.yaw[chosen], pose.pitch[chosen])
+    return take(primitives, chosen), Rays(pose.position[chosen], sensor.directions(), rotation)
+
+
+def agreement(primitives: Primitives, rays: Rays, peer: Embree) -> dict[str, float]:
+    """How far the two answers agree: share of rays with the same primitive, and how their ranges differ there."""
+    distance, slot = cast_slots(primitives, None, rays)
+    peer_distance, peer_slot = peer.cast_slots()
+    same = slot == peer_slot
+    difference = np.abs(distance - peer_distance)[same]
+    # Cylinders are polygons to the peer, so only boxes can agree to rounding.
+    box = (np.take_along_axis(primitives.kind, np.maximum(slot, 0), axis=1) == 1)[same]
+    return {
+        "same_primitive_share": float(same.mean()),
+        "box_range_difference_max_m": float(difference[box].max(initial=0.0)),
+        "range_difference_p999_m": float(np.quantile(difference, 0.999)),
+    }
+
+
+def rows_of(sensor: Pinhole, room_count: int, repeat: int) -> list[dict]:
+    """One row per thread count, with the agreement of the answers in each."""
+    primitives, rays = rooms_and_poses(room_count, sensor)
+    peer = Embree(primitives, rays)
+    ray_count = len(primitives.kind) * len(rays.direction)
+    agreed = agreement(primitives, rays, peer)
+
+    def speed(timing: Timing) -> float:
+        return round(ray_count / timing.median / 1e6, 2)
+
+    rows = []
+    for threads in (1, 2):
+        ours, theirs = measure_in_turns(
+            [lambda n=threads: cast_rays(primitives, None, rays, threads=n), lambda n=threads: peer.cast(n)], repeat
+        )
+        rows.append(
+            {
+                "case": f"{sensor.width}x{sensor.height}, {threads} thread{'s' * (threads > 1)}",
+                "ours": speed(ours),
+                "peer": speed(theirs),
+                "peer_name": "Open3D RaycastingScene (Embree)",
+                "unit": "Mrays/s",
+                "ratio": round(theirs.median / ours.median, 2),
+                "ours_first_call_s": round(ours.first, 3),
+                "peer_first_call_s": round(theirs.first, 3),
+                "rooms": len(primitives.kind),
+                "primitives": float(np.mean(np.sum(primitives.kind != GAP, axis=1))),
+                **agreed,
+            }
+        )
+    return rows
+
+
+def first_call() -> float:
+    """Seconds of the first cast of this process: fetching the kernels, or compiling them when the cache is empty."""
+    primitives, rays = rooms_and_poses(1, OAK_D_PRO_SMALL)
+    return measure_in_turns([lambda: cast_rays(primitives, None, rays)], repeat=1)[0].first
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    options = parser.parse_args()
+    try:
+        import open3d  # noqa: F401
+    except ImportError:
+        print(
+            "benchmarks.rays needs open3d to compare with, and it is not installed: run `make setup-peers`",
+            file=sys.stderr,
+        )
+        return 2
+    start = first_call()
+    print(f"first cast of this process, kernels fetched or compiled: {start:.2f} s")
+    rows = []
+    for sensor, rooms, repeat in ((OAK_D_PRO_SMALL, 16, 15), (OAK_D_PRO, 2, 9)):
+        for row in rows_of(sensor, rooms, repeat):
+            rows.append(row)
+            print(
+                f"{row['case']:22} ours {row['ours']:7.2f}  Open3D {row['peer']:7.2f} {row['unit']}"
+                f"  ratio {row['ratio']:5.2f}"
+                f"  first call {row['ours_first_call_s']:.3f} s / {row['peer_first_call_s']:.3f} s"
+            )
+        print(
+            f"    same primitive on {row['same_primitive_share']:.4%} of the rays; there boxes differ by at most"
+            f" {row['box_range_difference_max_m']:.1e} m, everything by {row['range_difference_p999_m']:.1e} m (99.9 %)"
+        )
+    if options.json:
+        result = {"rows": rows, "kernel_first_call_s": start, "machine": machine("open3d", "warp-lang", "numpy")}
+        options.json.write_text(json.dumps(result, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,54 @@
+"""Timing that is fair to compiled code: the first call is reported apart, then the median of many."""
+
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import Any, NamedTuple
+
+try:
+    import jax
+except ImportError:  # only what returns JAX arrays has to be waited for
+    jax = None
+
+
+class Timing(NamedTuple):
+    first: float  # [s] includes compilation
+    median: float  # [s] of `repeat` later calls
+
+
+def measure(function: Callable[[], Any], repeat: int = 20) -> Timing:
+    """Time `function()`, waiting for asynchronous JAX results."""
+    return measure_in_turns([function], repeat)[0]
+
+
+def measure_in_turns(functions: list[Callable[[], Any]], repeat: int = 20) -> list[Timing]:
+    """Time several functions round by round, so that a machine that slows down slows all contestants alike."""
+    firsts = [_once(function) for function in functions]
+    rounds = [[_once(function) for function in functions] for _ in range(repeat)]
+    medians = [statistics.median(times) for times in zip(*rounds, strict=True)]
+    return [Timing(first, median) for first, median in zip(firsts, medians, strict=True)]
+
+
+def _once(function: Callable[[], Any]) -> float:
+    start = time.perf_counter()
+    result = function()
+    if jax is not None:
+        jax.block_until_ready(result)
+    return time.perf_counter() - start
+
+
+def machine(*packages: str) -> dict[str, Any]:
+    """What the numbers were measured on: processor, cores, Python and the versions of `packages`."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return {
+        "processor": names[0] if names else platform.processor(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "packages": {name: metadata.version(name) for name in packages},
+    }

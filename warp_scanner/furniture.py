@@ -1,0 +1,133 @@
+"""Tables and chairs: where they can stand, and the primitives they are made of.
+
+R rooms, N pieces of a kind. World frame: metres, z up.
+"""
+
+import dataclasses
+from math import pi
+
+import numpy as np
+
+from warp_scanner import draws, footprints
+from warp_scanner.footprints import Footprints
+from warp_scanner.scenes import BOX, CHAIR, CYLINDER, TABLE, Primitives, Tags, join, solids
+
+Range = tuple[float, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class FurnitureConfig:
+    """Ranges that furniture is drawn from, uniformly; the defaults are the thesis's. Lengths in metres."""
+
+    table_spacing: Range = (1.0, 5.0)
+    table_size: Range = (0.5, 0.9)
+    table_height: float = 1.0
+    table_leg_radius: Range = (0.05, 0.12)
+    table_limit: int = 20  # places tried, at most
+    chair_spacing: Range = (1.0, 5.0)
+    chair_seat_size: Range = (0.4, 0.55)
+    chair_height: Range = (0.8, 1.2)  # top of the back rest, unless the seat would come below 0.35 m
+    chair_leg_width: Range = (0.05, 0.1)
+    chair_back_height: Range = (0.3, 0.8)
+    chair_limit: int = 24
+    furniture_randomness: Range = (0.0, 0.8)  # offset from the regular place, in spacings, end to end
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            value, least = getattr(self, field.name), 0.5 if field.name.endswith("spacing") else 0.0
+            if isinstance(value, tuple) and len(value) == 2 and not least <= value[0] <= value[1] < np.inf:
+                raise ValueError(f"room.{field.name} must be (low, high) with {least} <= low <= high, got {value}")
+        if self.table_limit < 0 or self.chair_limit < 0:
+            raise ValueError(
+                f"room.table_limit and chair_limit must not be negative, got {self.table_limit}, {self.chair_limit}"
+            )
+
+
+def furnish(
+    config: FurnitureConfig, inside: tuple[tuple[float, float, float], float], key: np.ndarray, others: Footprints,
+    element: int,
+) -> tuple[Primitives, Primitives]:  # fmt: skip
+    """Tables and chairs at random places of their grids, turned at random, wherever they fit.
+
+    Args:
+        config: the ranges.
+        inside: size of the room [m] and least gap [m] to anything else.
+        key: (R,) from draws.keys.
+        others: what stands there already.
+        element: id of the first table; chairs follow the last.
+    """
+    size, gap = inside
+    tables = _spread(config, key, "table", (size, config.table_spacing, config.table_limit))
+    edges = [draws.between(key, f"table size {axis}", config.table_size, config.table_limit) for axis in (0, 1)]
+    tables = tables._replace(half_size=np.stack(edges, axis=-1) / 2)
+    chairs = _spread(config, key, "chair", (size, config.chair_spacing, config.chair_limit))
+    seat = draws.between(key, "chair seat", config.chair_seat_size, config.chair_limit)
+    chairs = chairs._replace(half_size=np.stack([seat, seat], axis=-1) / 2)
+
+    marks = footprints.join(tables, chairs)
+    valid = marks.valid & footprints.inside(marks, np.array(size[:2]) / 2 - gap)
+    valid &= np.all(footprints.gaps(marks, others) > gap, axis=2)
+    stays = footprints.thin_out(marks._replace(valid=valid), gap)
+    tables = tables._replace(valid=stays[:, : config.table_limit])
+    chairs = chairs._replace(valid=stays[:, config.table_limit :])
+    floor = -size[2] / 2
+    return (
+        _tables(config, key, (tables, floor), element),
+        _chairs(config, key, (chairs, floor), element + config.table_limit),
+    )
+
+
+def _spread(config: FurnitureConfig, key: np.ndarray, name: str, where: tuple) -> Footprints:
+    """Footprints without a size yet, at randomly chosen places of a grid."""
+    size, spacing, limit = where
+    place, exists = draws.places(key, name, draws.Grid(size[:2], spacing, config.furniture_randomness))
+    order = draws.uniform(key, f"{name} order", exists.shape[1])
+    chosen = np.argsort(np.where(exists, order, 2.0), axis=1, kind="stable")[:, :limit]
+    missing = limit - chosen.shape[1]
+    place = np.pad(np.take_along_axis(place, chosen[..., None], axis=1), ((0, 0), (0, missing), (0, 0)))
+    exists = np.pad(np.take_along_axis(exists, chosen, axis=1), ((0, 0), (0, missing)))
+    yaw = draws.between(key, f"{name} yaw", (0.0, 2.0 * pi), limit)
+    return Footprints(place, np.zeros_like(place), yaw, exists)
+
+
+def _at(marks: Footprints, x: np.ndarray | float, y: np.ndarray | float, z: np.ndarray | float) -> list:
+    """World coordinates of a point given in the frame of each piece of furniture."""
+    cosine, sine = np.cos(marks.yaw), np.sin(marks.yaw)
+    return [marks.center[..., 0] + cosine * x - sine * y, marks.center[..., 1] + sine * x + cosine * y, z]
+
+
+def _legs(marks: Footprints, radius: np.ndarray, height: np.ndarray | float, floor: float, tags: Tags) -> Primitives:
+    """Four legs in the corners of each footprint."""
+    x, y = (marks.half_size[..., axis] - radius for axis in (0, 1))
+    half = [radius, radius, height / 2]
+    corners = [(sx * x, sy * y) for sx in (-1, 1) for sy in (-1, 1)]
+    return join(*(solids(marks.valid, _at(marks, u, v, floor + height / 2), half, marks.yaw, tags) for u, v in corners))
+
+
+def _tables(config: FurnitureConfig, key: np.ndarray, where: tuple[Footprints, float], element: int) -> Primitives:
+    (marks, floor), thickness = where, 0.05
+    count = marks.valid.shape[1]
+    kind = np.where(draws.uniform(key, "table legs round", count) < 0.5, CYLINDER, BOX)
+    radius = draws.between(key, "table leg", config.table_leg_radius, count)
+    number = element + np.arange(count)
+    half = [marks.half_size[..., 0], marks.half_size[..., 1], thickness / 2]
+    center = _at(marks, 0.0, 0.0, floor + config.table_height - thickness / 2)
+    top = solids(marks.valid, center, half, marks.yaw, Tags(BOX, number, TABLE))
+    return join(top, _legs(marks, radius, config.table_height - thickness, floor, Tags(kind, number, TABLE)))
+
+
+def _chairs(config: FurnitureConfig, key: np.ndarray, where: tuple[Footprints, float], element: int) -> Primitives:
+    (marks, floor), thickness = where, 0.04
+    count = marks.valid.shape[1]
+    back = draws.between(key, "chair back", config.chair_back_height, count)
+    height = draws.between(key, "chair height", config.chair_height, count)
+    seat = np.maximum(height - back, 0.35)  # the ranges allow seats on the floor, people do not
+    leg = draws.between(key, "chair leg", config.chair_leg_width, count) / 2
+    tags = Tags(BOX, element + np.arange(count), CHAIR)
+    x, y = marks.half_size[..., 0], marks.half_size[..., 1]
+    plate = solids(
+        marks.valid, _at(marks, 0.0, 0.0, floor + seat - thickness / 2), [x, y, thickness / 2], marks.yaw, tags
+    )
+    rest_center = _at(marks, 0.0, -(y - thickness / 2), floor + seat + back / 2)
+    rest = solids(marks.valid, rest_center, [x, thickness / 2, back / 2], marks.yaw, tags)
+    return join(plate, _legs(marks, leg, seat - thickness, floor, tags), rest)
