@@ -5,6 +5,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from jaxmm.config import CONDITIONS, SCENARIOS
 from jaxmm.inputs import InputError
@@ -18,7 +19,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options.run(options)
     except KeyboardInterrupt:
-        return _failed(options, "interrupted; the same command again picks up the work", 1)
+        again = "the same command with --resume" if options.command == "train" else "the same command again"
+        return _failed(options, f"interrupted; {again} goes on", 1)
     except InputError as error:
         return _failed(options, str(error), 2)
     except Exception as error:
@@ -34,8 +36,15 @@ def _failed(options: argparse.Namespace, message: str, code: int) -> int:
     return code
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, without the usage before it."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="jaxmm", description="What was added, removed or hidden, from one scan.")
+    parser = _Parser(prog="jaxmm", description="What was added, removed or hidden, from one scan.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     command = _command(commands, "reproduce", _reproduce, "jaxmm reproduce configs/demo.toml")
@@ -84,18 +93,17 @@ def _add_out(command: argparse.ArgumentParser) -> None:
 
 
 def _reproduce(options: argparse.Namespace) -> None:
-    from jaxmm import config, reproduce
+    from jaxmm import pipeline, reproduce
 
-    reproduce.reproduce(config.load(options.config), _run_folder(options))
+    reproduce.reproduce(pipeline.load_config(options.config), _run_folder(options))
 
 
 def _train(options: argparse.Namespace) -> None:
-    from jaxmm import config, pipeline, reproduce, runs
+    from jaxmm import pipeline, reproduce, runs
 
-    settings, folder = config.load(options.config), _run_folder(options)
+    settings, folder = pipeline.load_config(options.config), _run_folder(options)
     if (folder / runs.CONFIG).exists() and not options.resume:
         raise InputError(f"{folder}: already holds a run; --resume goes on with it, --out chooses another folder")
-    pipeline.room_config(settings)
     with runs.open_run(folder, settings):
         reproduce.train_stage(settings, folder)
     print(f"models: {folder / runs.MODELS}")

@@ -47,7 +47,9 @@ def fit(
     size = len(sampler.clouds)
     best = jax.tree.map(jnp.copy, states.model)  # the step donates the states, and would take these along
     progress = Progress(states, best, jnp.full(size, jnp.inf), jnp.zeros(size, jnp.int32))
-    options = ocp.CheckpointManagerOptions(max_to_keep=1, enable_async_checkpointing=False, create=True)
+    options = ocp.CheckpointManagerOptions(
+        max_to_keep=1, enable_async_checkpointing=False, create=True, cleanup_tmp_directories=True
+    )
     with ocp.CheckpointManager(folder.resolve(), options=options) as manager:
         progress, records = _restore(manager, progress)
         step = records[-1]["step"] if records else 0

@@ -4,13 +4,13 @@ import dataclasses
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxmm.batches import LabelledCloud
 from jaxmm.boxes import Box
-from jaxmm.config import Config, ConfigError
+from jaxmm.config import CONDITIONS, SCENARIOS, Config, ConfigError, load
 from jaxmm.evaluate import RoomTruth
 from jaxmm.labels import filter_labels, heuristic_labels
 from jaxmm.preprocess import nearest_distance, object_filter, outlier_mask, structural_filter, voxel_downsample
@@ -33,21 +33,39 @@ class CloudSource(NamedTuple):
     seed: int
 
 
+def load_config(path: Path) -> Config:
+    """Read settings and check them all, those of the simulator too.
+
+    Raises:
+        ConfigError: see `config.load` and `pair_config`; the line names the file.
+    """
+    config = load(path)
+    try:
+        pair_config(config, CloudSource(SCENARIOS[0], SCENARIOS[0], CONDITIONS[0], config.data.train_seed))
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    return config
+
+
 def pair_config(config: Config, source: CloudSource) -> PairConfig:
     """The simulator's settings for one kind of pair.
 
     Raises:
-        ConfigError: a `room` setting is unknown, of the wrong type or out of range.
+        ConfigError: a `room` setting is unknown, of the wrong type or out of range, or the sensor is not in the room.
     """
-    return PairConfig(
-        seed=source.seed,
-        scenario=source.scene,
-        condition=source.condition,
-        room=room_config(config),
-        sensor=Pinhole(config.scan.width, config.scan.height),
-        sensor_height=config.scan.sensor_height,
-        range_noise=config.scan.range_noise,
-    )
+    room = room_config(config)
+    try:
+        return PairConfig(
+            seed=source.seed,
+            scenario=source.scene,
+            condition=source.condition,
+            room=room,
+            sensor=Pinhole(config.scan.width, config.scan.height),
+            sensor_height=config.scan.sensor_height,
+            range_noise=config.scan.range_noise,
+        )
+    except ValueError as error:
+        raise ConfigError(f"scan: {error}") from error
 
 
 def room_config(config: Config) -> RoomConfig:
@@ -56,12 +74,19 @@ def room_config(config: Config) -> RoomConfig:
     for name, value in config.room:
         if name not in fields:
             raise ConfigError(f"room: unknown {name}; expected some of {', '.join(fields)}")
-        if np.shape(value) != np.shape(fields[name]) or not np.issubdtype(np.asarray(value).dtype, np.number):
+        if not _alike(value, fields[name]):
             raise ConfigError(f"room: {name}: expected something like {fields[name]!r}, got {value!r}")
     try:
         return RoomConfig(**dict(config.room))
     except ValueError as error:
         raise ConfigError(f"room: {error}") from error
+
+
+def _alike(value: Any, default: Any) -> bool:
+    """Whether a setting has the shape of its default and finite numbers, whole ones where that has whole ones."""
+    if isinstance(default, tuple):
+        return isinstance(value, tuple) and len(value) == len(default) and all(map(_alike, value, default))
+    return type(value) in (type(default), int) and abs(value) < 2**31
 
 
 def clouds(config: Config, source: CloudSource, index: np.ndarray) -> Iterator[tuple[LabelledCloud, RoomTruth]]:
@@ -92,7 +117,7 @@ def _cloud(config: Config, source: CloudSource, pairs: Pairs, row: int) -> Label
     else:  # the sensor faces a wall so closely that nothing it sees counts as structure: all is far from nothing
         distance = np.full(len(points), np.linalg.norm(room_config(config).size), np.float32)
     heuristic = heuristic_labels(distance, config.preprocess.label_distance)
-    if removed:
+    if removed and config.preprocess.label_filter in (source.condition, "always"):
         heuristic = filter_labels(points, element, heuristic, source.scenario.split("_")[0])
     return LabelledCloud(points, distance, element, heuristic, changed[row, pixel], testable[row, pixel])
 

@@ -22,7 +22,6 @@ SENTENCES = "sentences.json"
 
 def reproduce(config: Config, folder: Path) -> None:
     """Generate, train, evaluate; write tables and figures into the run folder and the table to the terminal."""
-    pipeline.room_config(config)  # refuses bad room settings before anything is written
     with runs.open_run(folder, config):
         models = train_stage(config, folder)
         rooms = evaluate_stage(config, folder, models, config.data.test_rooms)

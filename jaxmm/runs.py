@@ -19,9 +19,9 @@ import safetensors.numpy
 import tomli_w
 from flax.traverse_util import flatten_dict, unflatten_dict
 
-from jaxmm.config import Config, parse
+from jaxmm.config import TRAINED_METHODS, Config, load, parse
 from jaxmm.inputs import InputError
-from jaxmm.train import Model
+from jaxmm.train import Model, init_all
 
 CONFIG, VERSIONS, METRICS, MODELS = "config.toml", "versions.json", "metrics.jsonl", "models.safetensors"
 PACKAGES = (
@@ -45,6 +45,9 @@ def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
     try:
         write(temporary)
         os.replace(temporary, path)
+    except OSError as error:
+        # A full disk shows up on a file that is already open, and such an error does not say which.
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -77,13 +80,18 @@ def open_run(folder: Path, config: Config) -> Iterator[None]:
         InputError: the folder holds something else, other settings, or a process that is still running.
     """
     if folder.is_dir() and any(folder.iterdir()) and not (folder / CONFIG).exists():
-        leftovers = {path.name for path in folder.iterdir()} - {".lock", f".{CONFIG}.tmp"}
+        begun = {".lock", VERSIONS, f".{VERSIONS}.tmp", f".{CONFIG}.tmp"}  # by a process that was killed at once
+        leftovers = {path.name for path in folder.iterdir()} - begun
         if leftovers:
             raise InputError(f"{folder}: expected a new folder or a run folder with {CONFIG}, found {min(leftovers)}")
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder to write to, found a file")
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / ".lock", "w") as lock:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = open(folder / ".lock", "w")
+    except OSError as error:
+        raise InputError(f"{folder}: expected a folder to write to: {error.strerror}") from error
+    with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -94,8 +102,11 @@ def open_run(folder: Path, config: Config) -> Iterator[None]:
             if read_config(folder) != config:
                 raise InputError(f"{folder}: holds a run with other settings; choose another --out or remove it")
         else:
-            write_text(folder / CONFIG, tomli_w.dumps(as_table(config)))
+            # The settings come last: they make the folder a run folder, with all that one begins with.
             write_json(folder / VERSIONS, versions())
+            write_text(folder / CONFIG, tomli_w.dumps(as_table(config)))
+        for temporary in folder.rglob(".*.tmp"):  # of a process that was killed
+            temporary.unlink()
         yield
 
 
@@ -110,7 +121,7 @@ def read_config(folder: Path) -> Config:
         raise InputError(
             f"{folder}: expected a run folder with {CONFIG}, found {'none' if folder.is_dir() else 'no folder'}"
         )
-    return parse(path.read_text(encoding="utf-8"), where=str(path))
+    return load(path)
 
 
 def as_table(config: Config) -> dict[str, Any]:
@@ -155,7 +166,7 @@ def save_models(path: Path, models: dict[str, Model], config: Config) -> None:
     nested = {method: jax.tree.map(np.asarray, model._asdict()) for method, model in models.items()}
     tensors = {"/".join(key): np.ascontiguousarray(value) for key, value in flatten_dict(nested).items()}
     metadata = {"config": tomli_w.dumps(as_table(config))}
-    write_atomically(path, lambda temporary: safetensors.numpy.save_file(tensors, temporary, metadata))
+    write_atomically(path, lambda temporary: temporary.write_bytes(safetensors.numpy.save(tensors, metadata)))
 
 
 def load_models(path: Path) -> tuple[dict[str, Model], Config]:
@@ -177,9 +188,15 @@ def load_models(path: Path) -> tuple[dict[str, Model], Config]:
         raise InputError(f"{path}: not a whole safetensors file: {str(error).splitlines()[0]}") from error
     if "config" not in metadata:
         raise InputError(f"{path}: expected settings in the metadata under `config`, found {sorted(metadata)}")
-    nested = unflatten_dict(tensors)
-    try:
-        models = {method: Model(parts["params"], parts["batch_stats"]) for method, parts in nested.items()}
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{path}: expected tensors <method>/params/... and <method>/batch_stats/...") from error
-    return models, parse(metadata["config"], where=f"{path}: config")
+    config = parse(metadata["config"], where=f"{path}: config")
+    expected = {
+        method: jax.eval_shape(lambda size=size: init_all(jax.random.key(0), size, config).model._asdict())
+        for method, size in TRAINED_METHODS.items()
+        if method in config.train.methods
+    }
+    found = {name: (value.shape, value.dtype) for name, value in tensors.items()}
+    if found != {name: (leaf.shape, leaf.dtype) for name, leaf in flatten_dict(expected).items()}:
+        raise InputError(f"{path}: expected the tensors of {', '.join(expected)} as its settings say, found others")
+    if not all(np.isfinite(value).all() for value in tensors.values()):
+        raise InputError(f"{path}: expected finite numbers, got NaN or infinity")
+    return {method: Model(**parts) for method, parts in unflatten_dict(tensors).items()}, config

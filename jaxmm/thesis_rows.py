@@ -37,7 +37,7 @@ def score_repository(root: Path, method: str, weights: Path | None, model: Path 
     if trained != (model is not None):
         wish = "expected a run folder or .safetensors file" if trained else "only for our trained methods"
         raise InputError(f"--model: {wish}, with --method {method}")
-    if not out.absolute().parent.is_dir():
+    if not out.absolute().parent.is_dir() or out.is_dir():
         raise InputError(f"--out: expected a file in an existing folder, got {out}")
     pairs = find_pairs(root)
     scorers = _scorers(method, weights or root, model, {pair.scenario for pair in pairs})
