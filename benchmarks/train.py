@@ -11,6 +11,7 @@ import argparse
 import json
 import os
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import jax
@@ -98,10 +99,10 @@ def torch_network(torch):
 
     widths = [1, *network.encoder]
     last = len(widths) - 2
-    pairs = list(zip(widths, widths[1:], strict=False))
+    pairs = list(pairwise(widths))
     encoder = [layer for i, (a, b) in enumerate(pairs) for layer in block(a, b, i == last)]
     widths = [2 * network.encoder[-1], *network.head]
-    head = [layer for a, b in zip(widths, widths[1:], strict=False) for layer in block(a, b, True)]
+    head = [layer for a, b in pairwise(widths) for layer in block(a, b, True)]
 
     class PointNetwork(nn.Module):
         def __init__(self):

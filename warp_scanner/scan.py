@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from warp_scanner import kernels
+from warp_scanner.quiet import start_quietly
 from warp_scanner.scenes import GAP, Primitives
 
 wp.config.log_level = wp.LOG_WARNING
@@ -123,6 +124,7 @@ def _prepare(primitives: Primitives, present: np.ndarray) -> kernels.Scene:
 def _load_kernels() -> None:
     """Compile (or fetch) the kernels once, before threads could try to do so at the same time."""
     with _loading:
+        start_quietly()
         wp.load_module(kernels, device="cpu")
 
 
