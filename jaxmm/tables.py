@@ -130,7 +130,7 @@ def _block(rows: list[Row], label_kind: str, line: Callable[[list[str]], str], *
         return ""
     methods = list(dict.fromkeys(row["method"] for row in rows))
     titles = {"heuristic": "Heuristic labels (the thesis's)", "true": "True labels (the simulator's)"}
-    title = f"{titles[label_kind]}: ROC AUC [95 % interval], precision at 95 % recall"
+    title = f"{titles[label_kind]}: ROC AUC ± half its 95 % interval, precision at 95 % recall"
     header = ["test case", "condition", "rooms", "reported", *methods]
     lines = [title, "", line(header)] + ([line(["---"] * len(header))] if rule else [])
     for (test_case, condition), group in itertools.groupby(rows, lambda row: (row["test_case"], row["condition"])):
@@ -146,7 +146,7 @@ def _measured(row: Row | None) -> str:
     if row is None or row["roc_auc"] is None:
         return "-"
     low, high = row["ci95"]["roc_auc"]
-    return f"{row['roc_auc']:.4f} [{low:.4f}, {high:.4f}], {row['precision_at_95']:.4f}"
+    return f"{row['roc_auc']:.4f} ± {(high - low) / 2:.4f}, {row['precision_at_95']:.4f}"
 
 
 def _markdown_line(cells: list[str]) -> str:
@@ -154,5 +154,5 @@ def _markdown_line(cells: list[str]) -> str:
 
 
 def _terminal_line(cells: list[str]) -> str:
-    widths = (14, 9, 5, 14, *[32] * (len(cells) - 4))
+    widths = (14, 9, 5, 14, *[23] * (len(cells) - 4))
     return "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
