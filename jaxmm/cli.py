@@ -16,6 +16,9 @@ THESIS_METHODS = ("released", "nn-raw", "nn", "xyz_nn")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     options = _parser().parse_args(arguments)
+    if not options.debug:
+        # Threads that write checkpoints go on to complain for themselves about an error that is told below.
+        sys.unraisablehook = lambda _: None
     try:
         options.run(options)
     except KeyboardInterrupt:

@@ -65,8 +65,8 @@ class PreprocessConfig:
     voxel_size: float = bounded(0.1, 0.001, 10.0)  # [m]
     outlier_removal: bool = False
     label_distance: float = bounded(0.09, 0.0, 10.0)  # [m] NN distance beyond which a point is labelled
-    # Where the cluster filter thins heuristic labels of removed objects. It is there for the shadows of furniture; clean
-    # scans have none, and the filter could only lose parts of the object (paper/README.md).
+    # Where the cluster filter thins heuristic labels of removed objects. It is there for the shadows of furniture;
+    # clean scans have none, and the filter could only lose parts of the object (paper/README.md).
     label_filter: str = one_of("occluded", "occluded", "always", "never")
 
 

@@ -1,5 +1,6 @@
 """Trains one method's four models to the end: batches, validation, early stop, checkpoints that resume to the bit."""
 
+import logging
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,9 @@ import orbax.checkpoint as ocp
 from jaxmm.batches import Batch, Sampler
 from jaxmm.config import TRAINED_METHODS, Config
 from jaxmm.train import Model, TrainState, Validation, init_all, train_step_all, validate_all
+
+# Orbax logs the traceback of an error before it raises that error.
+logging.getLogger("absl").setLevel(logging.CRITICAL)
 
 Record = dict[str, Any]  # one validation, as a line of metrics.jsonl
 
@@ -104,7 +108,10 @@ def _record(method: str, step: int, train_loss: np.ndarray, result: Validation) 
 
 def _save(manager: ocp.CheckpointManager, step: int, progress: Progress, records: list[Record]) -> None:
     arguments = ocp.args.Composite(progress=ocp.args.StandardSave(progress), records=ocp.args.JsonSave(records))
-    manager.save(step, args=arguments)
+    try:
+        manager.save(step, args=arguments)
+    except Exception as error:  # a full disk comes as OSError or, out of the depths of orbax, as ValueError
+        raise OSError(f"{manager.directory}: cannot write a checkpoint: {error}") from error
 
 
 def _restore(manager: ocp.CheckpointManager, fresh: Progress) -> tuple[Progress, list[Record]]:

@@ -1,9 +1,38 @@
-"""The folder of real data that some tests read."""
+"""What several test files share: the folder of real data, and one whole run of the main job at its smallest."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+
+TINY_RUN = """
+[data]
+train_rooms = 1
+validation_rooms = 1
+test_rooms = 2
+unchanged_rooms = 1
+
+[scan]
+width = 96
+height = 60
+
+[network]
+encoder = [4, 8]
+head = [4]
+
+[train]
+step_count = 6
+batch_size = 2
+points_per_cloud = 64
+learning_rate = 3e-3
+validate_every = 2
+patience = 0
+
+[evaluate]
+resamples = 100
+"""
 
 
 @pytest.fixture(scope="session")
@@ -13,3 +42,23 @@ def data_root() -> Path:
     if not root.is_dir():
         pytest.skip(f"needs real data: JAXMM_DATA names no folder ({root})")
     return root
+
+
+@pytest.fixture(scope="session")
+def tiny_config(tmp_path_factory) -> Path:
+    """Settings of the main job at its smallest; its scores mean nothing."""
+    path = tmp_path_factory.mktemp("config") / "tiny.toml"
+    path.write_text(TINY_RUN)
+    return path
+
+
+@pytest.fixture(scope="session")
+def finished_run(tiny_config, tmp_path_factory) -> Path:
+    """Run folder that an undisturbed `jaxmm reproduce` of the tiny settings wrote; read it, do not write to it."""
+    folder = tmp_path_factory.mktemp("runs") / "tiny"
+    command = [sys.executable, "-m", "jaxmm.cli", "reproduce", tiny_config, "--out", folder]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (folder.parent / "stdout").write_text(done.stdout)
+    (folder.parent / "stderr").write_text(done.stderr)
+    return folder

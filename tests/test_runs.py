@@ -1,0 +1,224 @@
+"""The run folder: files are whole or absent, one process writes, and models come back as they went."""
+
+import dataclasses
+import errno
+import json
+import os
+import resource
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from jaxmm import runs
+from jaxmm.config import Config, NetworkConfig, load
+from jaxmm.inputs import InputError
+from jaxmm.train import init_all
+
+CONFIG = Config(network=NetworkConfig((4, 8), (4,)), room=(("size", (9.0, 9.0, 3.0)),))
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def refused(call, *words):
+    with pytest.raises(InputError) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert str(word) in str(caught.value)
+
+
+def half_then(error):
+    def write(temporary):
+        temporary.write_text("ha")
+        raise error
+
+    return write
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), ValueError()])
+@pytest.mark.parametrize("old", ["the old content", None])
+def test_a_writer_that_fails_midway_leaves_the_old_file_and_no_other(tmp_path, error, old):
+    path = tmp_path / "sub" / "file.txt"
+    if old is not None:
+        runs.write_text(path, old)
+    with pytest.raises(type(error)) as caught:
+        runs.write_atomically(path, half_then(error))
+    assert names(path.parent) == ([path.name] if old else []) and (old is None or path.read_text() == old)
+    if isinstance(error, OSError):
+        assert str(path) in str(caught.value) and caught.value.errno == errno.ENOSPC
+
+
+def test_json_refuses_nan_and_keeps_the_old_file(tmp_path):
+    path = tmp_path / "a.json"
+    runs.write_json(path, {"x": 1.5, "gap": None})
+    with pytest.raises(ValueError):
+        runs.write_json(path, {"x": float("nan")})
+    assert json.loads(path.read_text()) == {"x": 1.5, "gap": None} and names(tmp_path) == ["a.json"]
+
+
+FULL_DISK = """
+import pathlib, resource, sys
+import numpy as np
+from jaxmm import runs
+folder = pathlib.Path(sys.argv[1])
+runs.write_text(folder / "text", "old")
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+for write in (
+    lambda: runs.write_text(folder / "text", "new" * 1000),
+    lambda: runs.write_arrays(folder / "arrays.npz", {"a": np.arange(1000)}),
+    lambda: runs.write_json(folder / "rows.json", list(range(1000))),
+):
+    try:
+        write()
+    except OSError as error:
+        print(error)
+"""
+
+
+def test_a_file_that_the_system_refuses_to_grow_leaves_nothing_behind(tmp_path):
+    done = subprocess.run([sys.executable, "-c", FULL_DISK, tmp_path], capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines()
+    assert [line.rpartition("/")[2] for line in lines] == ["text'", "arrays.npz'", "rows.json'"], done
+    assert names(tmp_path) == ["text"] and (tmp_path / "text").read_text() == "old"
+
+
+def test_a_new_run_folder_holds_settings_and_versions(tmp_path):
+    folder = tmp_path / "a" / "b"
+    with runs.open_run(folder, CONFIG):
+        assert names(folder) == [".lock", "config.toml", "versions.json"]
+    assert runs.read_config(folder) == CONFIG
+    versions = json.loads((folder / "versions.json").read_text())
+    assert versions == runs.versions()
+    assert versions["packages"]["jax"] == jax.__version__ and versions["packages"]["numpy"] == np.__version__
+    assert versions["threads"] == os.cpu_count() and versions["python"] == ".".join(map(str, sys.version_info[:3]))
+    with runs.open_run(folder, CONFIG):  # and it opens again
+        pass
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    (tmp_path / "photo.jpg").touch()
+    refused(lambda: runs.open_run(tmp_path, CONFIG).__enter__(), tmp_path, "photo.jpg", "config.toml")
+    refused(lambda: runs.open_run(tmp_path / "photo.jpg", CONFIG).__enter__(), "photo.jpg", "found a file")
+    refused(lambda: runs.open_run(tmp_path / "photo.jpg" / "x", CONFIG).__enter__(), "photo.jpg/x", "Not a directory")
+    assert names(tmp_path) == ["photo.jpg"]
+
+
+def test_other_settings_are_refused(tmp_path):
+    with runs.open_run(tmp_path, CONFIG):
+        pass
+    other = dataclasses.replace(CONFIG, seed=1)
+    refused(lambda: runs.open_run(tmp_path, other).__enter__(), tmp_path, "other settings")
+    assert runs.read_config(tmp_path) == CONFIG
+
+
+def test_a_folder_that_was_killed_while_it_was_made_opens(tmp_path):
+    for name in (".lock", "versions.json", ".versions.json.tmp", ".config.toml.tmp"):
+        (tmp_path / name).write_text("{")
+    (tmp_path / "config.toml").mkdir()
+    refused(lambda: runs.read_config(tmp_path), tmp_path, "config.toml")
+    (tmp_path / "config.toml").rmdir()
+    with runs.open_run(tmp_path, CONFIG):
+        (tmp_path / "figures").mkdir()
+        (tmp_path / "figures" / ".loss.png.17.tmp").touch()
+    with runs.open_run(tmp_path, CONFIG):  # what a killed process left half-written goes
+        assert not list(tmp_path.rglob("*.tmp")) and json.loads((tmp_path / "versions.json").read_text())
+
+
+def test_a_second_process_is_refused_while_the_first_one_writes(tmp_path):
+    config = tmp_path / "config.toml"
+    code = (
+        "import pathlib, sys\nfrom jaxmm import runs, config\nfolder = pathlib.Path(sys.argv[1])\n"
+        "try:\n    with runs.open_run(folder, runs.read_config(folder)): print('open')\n"
+        "except Exception as error: print(type(error).__name__, error)\n"
+    )
+    second = [sys.executable, "-c", code, tmp_path]
+    with runs.open_run(tmp_path, CONFIG):
+        said = subprocess.run(second, capture_output=True, text=True, check=True).stdout
+        assert said.startswith(f"InputError {tmp_path}: another process")
+    assert subprocess.run(second, capture_output=True, text=True, check=True).stdout == "open\n"
+    assert load(config) == CONFIG
+
+
+def test_what_is_no_run_folder_is_refused(tmp_path):
+    refused(lambda: runs.read_config(tmp_path), tmp_path, "config.toml", "found none")
+    refused(lambda: runs.read_config(tmp_path / "x"), tmp_path / "x", "found no folder")
+    (tmp_path / "config.toml").write_bytes(b"\xff\xfe")
+    refused(lambda: runs.read_config(tmp_path), tmp_path / "config.toml", "not UTF-8")
+    (tmp_path / "config.toml").write_text("[tool]\nx = 1\n")
+    refused(lambda: runs.read_config(tmp_path), tmp_path / "config.toml", "unknown tool")
+
+
+@pytest.fixture(scope="module")
+def models():
+    key = jax.random.key(1)
+    return {name: init_all(key, size, CONFIG).model for name, size in (("nn", 1), ("xyz_nn", 4))}
+
+
+def test_models_come_back_bit_for_bit_with_their_settings(tmp_path, models):
+    path = tmp_path / "models.safetensors"
+    runs.save_models(path, models, CONFIG)
+    loaded, config = runs.load_models(path)
+    assert config == CONFIG and list(loaded) == ["nn", "xyz_nn"]
+    for name, model in models.items():
+        assert jax.tree.structure(model) == jax.tree.structure(loaded[name])
+        jax.tree.map(np.testing.assert_array_equal, model, loaded[name])
+    whole = path.read_bytes()
+    runs.save_models(path, models, CONFIG)
+    assert path.read_bytes() == whole and path.stat().st_mode & 0o044 == 0o044 & ~_umask()
+
+
+def _umask():
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def test_damaged_and_foreign_model_files_are_refused(tmp_path, models):
+    path = tmp_path / "models.safetensors"
+    refused(lambda: runs.load_models(path), path, "found no file")
+    refused(lambda: runs.load_models(tmp_path), tmp_path, "expected a run folder")
+    runs.save_models(path, models, CONFIG)
+    whole = path.read_bytes()
+    for length in (0, 4, 100, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        refused(lambda: runs.load_models(path), path, "not a whole safetensors file")
+    tensors = safetensors.numpy.load(whole)
+
+    def with_tensors(**changes):
+        changed = {name: value for name, value in (tensors | changes).items() if value is not None}
+        config = runs.tomli_w.dumps(runs.as_table(CONFIG))
+        path.write_bytes(safetensors.numpy.save(changed, {"config": config}))
+
+    path.write_bytes(safetensors.numpy.save(tensors))
+    refused(lambda: runs.load_models(path), path, "under `config`")
+    path.write_bytes(safetensors.numpy.save(tensors, {"config": "seed = -1"}))
+    refused(lambda: runs.load_models(path), path, "config: seed")
+    name = "nn/params/conv1/kernel"
+    for wrong in (None, tensors[name][:3], tensors[name].astype(np.float64)):
+        with_tensors(**{name: wrong})
+        refused(lambda: runs.load_models(path), path, "expected the tensors of nn, xyz_nn")
+    for extra in ("nn", "nn/params", "other/params/x", "x"):
+        with_tensors(**{extra: np.zeros(1, np.float32)})
+        refused(lambda: runs.load_models(path), path, "expected the tensors of nn, xyz_nn")
+    with_tensors(**{name: np.full_like(tensors[name], np.nan)})
+    refused(lambda: runs.load_models(path), path, "NaN")
+
+
+def test_a_full_disk_keeps_the_old_models(tmp_path, models):
+    path = tmp_path / "models.safetensors"
+    runs.save_models(path, models, CONFIG)
+    whole = path.read_bytes()
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limit[1]))
+    try:
+        with pytest.raises(OSError, match=r"models\.safetensors"):
+            runs.save_models(path, models, CONFIG)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert path.read_bytes() == whole and names(tmp_path) == [path.name]
