@@ -13,6 +13,21 @@ from warp_scanner.footprints import Footprints
 from warp_scanner.scenes import BOX, CHAIR, CYLINDER, TABLE, Primitives, Tags, join, solids
 
 Range = tuple[float, float]
+# Bounds of every setting of a room, by the ending of its name; all else is a length.
+LIMITS = {
+    "size": (0.1, 200.0),
+    "spacing": (0.5, 100.0),
+    "share": (0.0, 1.0),
+    "density": (0.0, 1.0),
+    "randomness": (0.0, 1.0),
+    "rotation": (0.0, 2 * pi),
+    "limit": (0, 200),
+    "count_x": (0, 2),
+    "count_y": (0, 2),
+    "clearance": (0.0, 1.0),
+    "thickness": (0.01, 1.0),
+}
+LENGTH_LIMITS = (0.01, 10.0)  # [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,13 +49,18 @@ class FurnitureConfig:
 
     def __post_init__(self):
         for field in dataclasses.fields(self):
-            value, least = getattr(self, field.name), 0.5 if field.name.endswith("spacing") else 0.0
-            if isinstance(value, tuple) and len(value) == 2 and not least <= value[0] <= value[1] < np.inf:
-                raise ValueError(f"room.{field.name} must be (low, high) with {least} <= low <= high, got {value}")
-        if self.table_limit < 0 or self.chair_limit < 0:
-            raise ValueError(
-                f"room.table_limit and chair_limit must not be negative, got {self.table_limit}, {self.chair_limit}"
-            )
+            _check_setting(field.name, getattr(self, field.name), ranges=field.type == Range)
+
+
+def _check_setting(name: str, value: object, *, ranges: bool) -> None:
+    """Refuse a setting out of its bounds, and a range upside down."""
+    low, high = next((limits for ending, limits in LIMITS.items() if name.endswith(ending)), LENGTH_LIMITS)
+    values = np.atleast_1d(value)
+    # Written so that NaN fails too.
+    if not np.all((values >= low) & (values <= high)):
+        raise ValueError(f"room.{name} must lie within {low:g} and {high:g}, got {value}")
+    if ranges and not values[0] <= values[1]:
+        raise ValueError(f"room.{name} must be (low, high) with low <= high, got {value}")
 
 
 def furnish(

@@ -43,11 +43,8 @@ class RoomConfig(FurnitureConfig):
 
     def __post_init__(self):
         super().__post_init__()
-        for name in ("wall_count_x", "wall_count_y"):
-            if getattr(self, name)[1] > _LINES:
-                raise ValueError(f"room.{name} must be at most {_LINES}, got {getattr(self, name)}")
-        if min(self.size) <= 0 or self.size[2] <= max(self.door_height, self.table_height):
-            raise ValueError(f"room.size must be positive and higher than doors and tables, got {self.size}")
+        if min(self.size[:2]) < 2.0 or self.size[2] <= max(self.door_height, self.table_height):
+            raise ValueError(f"room.size must be at least 2 m across and higher than doors and tables, got {self.size}")
 
 
 class _Walls(NamedTuple):

@@ -6,12 +6,10 @@ R rooms, K slots per room. World frame: metres, z up.
 from typing import NamedTuple
 
 import numpy as np
-import trimesh
 
 GAP, BOX, CYLINDER = 0, 1, 2  # kinds of primitives; a gap is an empty slot
 
 NOTHING, FLOOR, CEILING, WALL, PILLAR, DOOR, TABLE, CHAIR = range(8)  # semantic classes
-SEMANTIC_NAMES = ("nothing", "floor", "ceiling", "wall", "pillar", "door", "table", "chair")
 STRUCTURE = (FLOOR, CEILING, WALL, PILLAR, DOOR)
 
 
