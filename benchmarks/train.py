@@ -33,7 +33,7 @@ def random_batch(points: int) -> Batch:
     distance = np.where(labels, rng.uniform(0.09, 2.0, labels.shape), rng.exponential(0.01, labels.shape))
     mask = np.ones(labels.shape, bool)
     seeds = rng.integers(0, 2**32, (MODELS, CLOUDS), np.uint32)
-    return Batch(distance[..., None].astype(np.float32), labels, mask, seeds)
+    return Batch(distance[..., None].astype(np.float32), labels, mask, mask, seeds)
 
 
 def joint_step(batch: Batch):

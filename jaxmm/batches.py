@@ -25,12 +25,23 @@ class LabelledCloud(NamedTuple):
     testable: np.ndarray  # (N,) bool prior and reality differ measurably along this very ray
 
 
+def labels_of(cloud: LabelledCloud, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Labels (N,) of one kind, "heuristic" or "true", and where they are void (N,).
+
+    A return from the mismatch that is not testable is void among true labels: no method could know.
+    """
+    if kind == "heuristic":
+        return cloud.heuristic, np.zeros(len(cloud.heuristic), bool)
+    return cloud.true, cloud.true & ~cloud.testable
+
+
 class Batch(NamedTuple):
     """What one joint training step consumes; fixed shapes, padding marked."""
 
     features: np.ndarray  # (S, B, N, F) float32
     labels: np.ndarray  # (S, B, N) bool; arbitrary where mask is False
     mask: np.ndarray  # (S, B, N) bool; False marks padding
+    scored: np.ndarray  # (S, B, N) bool; False also where the label is void: nothing to learn from, nothing to count
     seeds: np.ndarray  # (S, B) uint32, of each cloud's dropout
 
 
@@ -58,6 +69,7 @@ class Sampler(NamedTuple):
             features=np.zeros((*shape, TRAINED_METHODS[self.method]), np.float32),
             labels=np.zeros(shape, bool),
             mask=np.zeros(shape, bool),
+            scored=np.zeros(shape, bool),
             seeds=_generator(self.seed, 0, step).integers(0, 2**32, shape[:2], np.uint32),
         )
         for scenario, clouds in enumerate(self.clouds):
@@ -86,6 +98,7 @@ def validation_batch(
         np.zeros((*shape, TRAINED_METHODS[method]), np.float32),
         np.zeros(shape, bool),
         np.zeros(shape, bool),
+        np.zeros(shape, bool),
         np.zeros(shape[:2], np.uint32),
     )
     sampler = Sampler(clouds, method, label_kind, shape[1], point_count, 1, 0)
@@ -100,10 +113,11 @@ def _fill(
 ) -> None:
     count = len(cloud.points)
     chosen = np.arange(count) if count <= sampler.point_count else rng.permutation(count)[: sampler.point_count]
-    labels = cloud.heuristic if sampler.label_kind == "heuristic" else cloud.true
+    labels, void = labels_of(cloud, sampler.label_kind)
     batch.features[place][: len(chosen)] = features_of(sampler.method, cloud.points[chosen], cloud.distance[chosen])
     batch.labels[place][: len(chosen)] = labels[chosen]
     batch.mask[place][: len(chosen)] = True
+    batch.scored[place][: len(chosen)] = ~void[chosen]
 
 
 @lru_cache(maxsize=64)

@@ -116,16 +116,18 @@ def _evaluate(options: argparse.Namespace) -> None:
     from jaxmm import reproduce, runs, tables
 
     settings = runs.read_config(options.run_folder)
-    models, _ = runs.load_models(options.run_folder)
-    rows = [_row_name(name) for name in options.rows]
+    if not (options.run_folder / runs.MODELS).exists():
+        raise InputError(f"{options.run_folder}: expected trained models in {runs.MODELS}, found none")
+    rows = [_row_name(name) for name in options.rows] or reproduce.EVERY_ROW
     rooms = settings.data.test_rooms if options.rooms is None else options.rooms
     if rooms < 1:
         raise InputError(f"--rooms: expected at least 1, got {rooms}")
-    whole = not rows and rooms == settings.data.test_rooms
+    own = rooms == settings.data.test_rooms
     with runs.open_run(options.run_folder, settings):
-        folder = options.run_folder if whole else options.run_folder / "evaluations" / f"{rooms}_rooms"
+        models = reproduce.train_stage(settings, options.run_folder)
+        folder = options.run_folder if own else options.run_folder / "evaluations" / f"{rooms}_rooms"
         scored = reproduce.evaluate_stage(settings, folder, models, rooms, rows)
-        reproduce.write_results(settings, folder, scored)
+        reproduce.write_results(settings, options.run_folder, folder, scored)
     print(tables.as_terminal(tables.read_rows(folder)))
     print(f"table: {folder / 'table_1.json'}")
 

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxmm.batches import LabelledCloud, features_of
-from jaxmm.box_match import count_boxes
+from jaxmm.batches import LabelledCloud, features_of, labels_of
+from jaxmm.box_match import match_boxes
 from jaxmm.boxes import Box, BoxSettings, fit_boxes
 from jaxmm.config import SCENARIOS, Config, NetworkConfig
 from jaxmm.metrics import point_metrics
@@ -55,20 +55,17 @@ def find_boxes(points: np.ndarray, score: np.ndarray, scenario: str, method: str
 
 
 def score_room(cloud: LabelledCloud, truth: RoomTruth, scenario: str, scores: dict[str, np.ndarray], config: Config):
-    """Everything a table needs of one room, as JSON.
-
-    On true labels a return from the mismatch that is not testable is void: no method could know.
-    """
-    labels = {"heuristic": (cloud.heuristic, None), "true": (cloud.true, cloud.true & ~cloud.testable)}
+    """Everything a table needs of one room, as JSON."""
+    labels = {kind: labels_of(cloud, kind) for kind in LABEL_KINDS}
     methods = {}
     for method, score in scores.items():
         boxes = find_boxes(cloud.points, score, scenario, method, config)
-        counts = count_boxes(boxes, [truth.box])
+        right = {match.found for match in match_boxes(boxes, [truth.box])}
         methods[method] = {
-            "boxes": [box_as_json(box, scenario) for box in boxes],
-            "boxes_matched": counts.matched,
-            "boxes_found": counts.found,
-            "boxes_true": counts.truth,
+            "boxes": [box_as_json(box, scenario) | {"right": i in right} for i, box in enumerate(boxes)],
+            "boxes_matched": len(right),
+            "boxes_found": len(boxes),
+            "boxes_true": 1,
             "metrics": {kind: point_metrics(score, *labels[kind])._asdict() for kind in LABEL_KINDS},
         }
     return {

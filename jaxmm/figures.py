@@ -8,7 +8,6 @@ T, V logged steps, S scenarios.
 """
 
 import functools
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +17,8 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+
+from jaxmm.files import write_atomically
 
 # Told apart with every kind of colour blindness: M. Okabe and K. Ito, "Color universal design", 2008.
 BLACK, ORANGE, GREEN, BLUE, VERMILLION = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
@@ -112,13 +113,9 @@ def save(figure: Figure, path: Path | str) -> Figure:
     path = Path(path)
     if path.suffix not in UNDATED:
         raise ValueError(f"{path}: the suffix of a figure must be one of {sorted(UNDATED)}, got {path.suffix!r}")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        figure.savefig(temporary, format=path.suffix[1:], metadata=UNDATED[path.suffix])
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_atomically(
+        path, lambda temporary: figure.savefig(temporary, format=path.suffix[1:], metadata=UNDATED[path.suffix])
+    )
     return figure
 
 

@@ -110,7 +110,7 @@ def _save(manager: ocp.CheckpointManager, step: int, progress: Progress, records
     arguments = ocp.args.Composite(progress=ocp.args.StandardSave(progress), records=ocp.args.JsonSave(records))
     try:
         manager.save(step, args=arguments)
-    except Exception as error:  # a full disk comes as OSError or, out of the depths of orbax, as ValueError
+    except (OSError, ValueError) as error:  # a full disk may come as either
         raise OSError(f"{manager.directory}: cannot write a checkpoint: {error}") from error
 
 

@@ -26,24 +26,6 @@ class PointMetrics(NamedTuple):
     thesis_iou_at_95: float | None
 
 
-class Curves(NamedTuple):
-    """ROC and precision-recall curves, one entry for each of the T distinct scores, highest first."""
-
-    threshold: np.ndarray  # (T,) float64; a point counts from this score on
-    recall: np.ndarray  # (T,) float64, also the true positive rate
-    fpr: np.ndarray  # (T,) float64
-    precision: np.ndarray  # (T,) float64
-
-
-class MeanInterval(NamedTuple):
-    """A mean over rooms; gaps are None."""
-
-    mean: float | None
-    low: float | None  # 2.5 % and 97.5 % percentiles of the bootstrap; None below two rooms
-    high: float | None
-    room_count: int
-
-
 def point_metrics(score: np.ndarray, label: np.ndarray, void: np.ndarray | None = None) -> PointMetrics:
     """Score one room.
 
@@ -71,30 +53,6 @@ def point_metrics(score: np.ndarray, label: np.ndarray, void: np.ndarray | None 
         thesis_fpr_at_95=strict_false / (strict_false + len(negative)),
         thesis_iou_at_95=strict_true / (len(positive) + strict_false),
     )
-
-
-def curves(score: np.ndarray, label: np.ndarray, void: np.ndarray | None = None) -> Curves:
-    """The ROC and precision-recall curves of one room, for figures.
-
-    Raises:
-        ValueError: as `point_metrics`, or there are no positives or no negatives.
-    """
-    positive, negative = _split(score, label, void)
-    if not len(positive) or not len(negative):
-        raise ValueError(f"curves need positives and negatives, got {len(positive)} and {len(negative)}")
-    threshold = np.unique(np.concatenate([positive, negative]))[::-1]
-    true = len(positive) - np.searchsorted(positive, threshold, "left")
-    false = len(negative) - np.searchsorted(negative, threshold, "left")
-    return Curves(threshold, true / len(positive), false / len(negative), true / (true + false))
-
-
-def bootstrap_mean(values: list[float | None] | np.ndarray, seed: int, resamples: int = 2000) -> MeanInterval:
-    """Mean over rooms with its 95 % percentile bootstrap interval (Efron, 1979); rooms with None are left out."""
-    rooms = np.array([value for value in values if value is not None], np.float64)
-    if len(rooms) < 2:
-        return MeanInterval(float(rooms[0]) if len(rooms) else None, None, None, len(rooms))
-    low, high = bootstrap_interval(np.stack([rooms, np.ones_like(rooms)], axis=1), resamples, seed)
-    return MeanInterval(float(rooms.mean()), low, high, len(rooms))
 
 
 def bootstrap_interval(counts: np.ndarray, resamples: int, seed: int = 0) -> tuple[float, float]:

@@ -151,7 +151,9 @@ def from_torch(state: dict[str, np.ndarray]) -> tuple[dict, dict, NetworkConfig]
     convolutions = [name.removesuffix(".weight") for name in state if re.fullmatch(r"(seg_)?conv\d+\.weight", name)]
     encoder = sorted((name for name in convolutions if name.startswith("conv")), key=_number)
     head = sorted((name for name in convolutions if name.startswith("seg_")), key=_number)
-    if not encoder or len(head) < 2 or np.ndim(state["conv1.weight"]) != 3:
+    whole = encoder == [f"conv{i + 1}" for i in range(len(encoder))]
+    whole &= head == [f"seg_conv{i + 1}" for i in range(len(head))]
+    if not encoder or len(head) < 2 or not whole or any(state[f"{n}.weight"].ndim != 3 for n in encoder + head):
         raise InputError(f"expected tensors conv1.weight ... seg_conv3.bias of the network, got {sorted(state)[:4]}")
     params, batch_stats, used = {}, {}, set()
 
@@ -170,7 +172,7 @@ def from_torch(state: dict[str, np.ndarray]) -> tuple[dict, dict, NetworkConfig]
         kernel = take(f"{name}.weight", (width, fan_in, 1))[:, :, 0].T
         params[name] = {"kernel": kernel, "bias": take(f"{name}.bias", (width,))}
         if name != head[-1]:
-            norm = name.replace("conv", "bn")
+            norm = norm_of(name)
             params[norm] = {"scale": take(f"{norm}.weight", (width,)), "bias": take(f"{norm}.bias", (width,))}
             mean, var = take(f"{norm}.running_mean", (width,)), take(f"{norm}.running_var", (width,))
             batch_stats[norm] = {"mean": mean, "var": var}
@@ -181,6 +183,11 @@ def from_torch(state: dict[str, np.ndarray]) -> tuple[dict, dict, NetworkConfig]
         raise InputError(f"expected one output and no other tensors, got {fan_in} outputs and {left}")
     widths = [params[name]["bias"].shape[0] for name in encoder], [params[name]["bias"].shape[0] for name in head[:-1]]
     return params, batch_stats, NetworkConfig(tuple(widths[0]), tuple(widths[1]))
+
+
+def norm_of(layer: str) -> str:
+    """Name of the normalisation that follows a layer (of itself, for a normalisation)."""
+    return layer.replace("conv", "bn")
 
 
 def _number(name: str) -> int:

@@ -12,9 +12,10 @@ from jaxmm.batches import LabelledCloud
 from jaxmm.boxes import Box
 from jaxmm.config import CONDITIONS, SCENARIOS, Config, ConfigError, load
 from jaxmm.evaluate import RoomTruth
+from jaxmm.files import REMEDY, load_arrays, write_arrays
+from jaxmm.inputs import InputError
 from jaxmm.labels import filter_labels, heuristic_labels
 from jaxmm.preprocess import nearest_distance, object_filter, outlier_mask, structural_filter, voxel_downsample
-from jaxmm.runs import write_arrays
 from warp_scanner.pairs import PairConfig, Pairs, make_pairs, points_of
 from warp_scanner.rooms import RoomConfig
 from warp_scanner.scenes import STRUCTURE
@@ -156,7 +157,7 @@ def cached_clouds(config: Config, source: CloudSource, count: int, path: Path) -
             yield cloud
         _store(path, made)
         return
-    yield from _stored(path)
+    yield from _stored(path, count)
 
 
 def _store(path: Path, made: list[LabelledCloud]) -> None:
@@ -166,8 +167,10 @@ def _store(path: Path, made: list[LabelledCloud]) -> None:
     write_arrays(path, arrays | {"count": np.array([len(cloud.points) for cloud in made])})
 
 
-def _stored(path: Path) -> list[LabelledCloud]:
-    with np.load(path, allow_pickle=False) as arrays:
-        ends = np.cumsum(arrays["count"])[:-1]
-        fields = [np.split(arrays[name], ends) for name in LabelledCloud._fields]
+def _stored(path: Path, count: int) -> list[LabelledCloud]:
+    arrays = load_arrays(path)
+    if set(arrays) != {*LabelledCloud._fields, "count"} or len(arrays["count"]) != count:
+        raise InputError(f"{path}: expected {count} clouds of this run; {REMEDY}")
+    ends = np.cumsum(arrays["count"])[:-1]
+    fields = [np.split(arrays[name], ends) for name in LabelledCloud._fields]
     return [LabelledCloud(*values) for values in zip(*fields, strict=True)]

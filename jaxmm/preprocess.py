@@ -176,13 +176,6 @@ def augmentations(rng: np.random.Generator) -> tuple[Rigid, Rigid, Rigid]:
     return Rigid(turn, np.zeros(3)), Rigid(np.eye(3), shift), Rigid(turn, shift)
 
 
-def augment(
-    points_a: np.ndarray, points_b: np.ndarray, rng: np.random.Generator
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Three moved copies of a pair of clouds, both moved alike, so that distances within and between them stay."""
-    return [(move.apply(points_a), move.apply(points_b)) for move in augmentations(rng)]
-
-
 def _check_points(points: np.ndarray, name: str = "points") -> np.ndarray:
     points = np.asarray(points, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:

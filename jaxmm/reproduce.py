@@ -10,22 +10,27 @@ import numpy as np
 from tqdm import tqdm
 
 from jaxmm import evaluate, figures, pipeline, room_figures, runs, tables
-from jaxmm.batches import LabelledCloud, Sampler, validation_batch
+from jaxmm.batches import LabelledCloud, Sampler, labels_of, validation_batch
 from jaxmm.boxes import Box, sentence
 from jaxmm.config import CONDITIONS, SCENARIOS, Config
+from jaxmm.files import REMEDY, load_arrays, load_json, write_arrays, write_json
 from jaxmm.fit import Record, fit
+from jaxmm.inputs import InputError
 from jaxmm.pipeline import UNCHANGED, CloudSource
 from jaxmm.train import Model
 
 SENTENCES = "sentences.json"
+TOLD = ("labels", "step_count", "batch_size", "points_per_cloud", "learning_rate")  # of the training, in the table
+EVERY_ROW = tuple((scenario, condition) for scenario in SCENARIOS for condition in CONDITIONS)
+Scores = dict[tuple[str, str], list[dict[str, Any]]]  # (scenario, condition) -> evaluate.score_room of each room
 
 
 def reproduce(config: Config, folder: Path) -> None:
     """Generate, train, evaluate; write tables and figures into the run folder and the table to the terminal."""
     with runs.open_run(folder, config):
         models = train_stage(config, folder)
-        rooms = evaluate_stage(config, folder, models, config.data.test_rooms)
-        write_results(config, folder, rooms)
+        rooms = evaluate_stage(config, folder, models, config.data.test_rooms, EVERY_ROW)
+        write_results(config, folder, folder, rooms)
         figure_stage(config, folder)
     _print_results(folder)
 
@@ -33,7 +38,10 @@ def reproduce(config: Config, folder: Path) -> None:
 def train_stage(config: Config, folder: Path) -> dict[str, Model]:
     """Train all methods, or take them from the run folder when they are there."""
     if (folder / runs.MODELS).exists():
-        return runs.load_models(folder)[0]
+        models, trained = runs.load_models(folder)
+        if trained != config:
+            raise InputError(f"{folder / runs.MODELS}: trained with other settings than {runs.CONFIG} says; {REMEDY}")
+        return models
     training = [_training_clouds(config, folder, scenario, "train") for scenario in SCENARIOS]
     validation = [_training_clouds(config, folder, scenario, "validation") for scenario in SCENARIOS]
     models, records = {}, []
@@ -84,16 +92,26 @@ def _training_clouds(config: Config, folder: Path, scenario: str, split: str) ->
 
 
 def evaluate_stage(
-    config: Config, folder: Path, models: dict[str, Model], room_count: int, rows: Iterable[tuple[str, str]] = ()
-) -> dict[tuple[str, str], list[dict[str, Any]]]:
-    """Scores of the test rooms by (scenario, condition); rows that the folder already holds are not made again."""
-    scored = {}
-    for scenario, condition in rows or [(scenario, condition) for scenario in SCENARIOS for condition in CONDITIONS]:
+    config: Config, folder: Path, models: dict[str, Model], room_count: int, rows: Iterable[tuple[str, str]]
+) -> Scores:
+    """Score the test rooms of some rows, and return those of all rows in the folder; none is made twice."""
+    for scenario, condition in rows:
         path = folder / "rooms" / f"{scenario}_{condition}.json"
         if not path.exists():
             source = CloudSource(scenario, scenario, condition, config.data.test_seed)
-            runs.write_json(path, list(_score_rooms(config, folder, models, source, room_count)))
-        scored[scenario, condition] = json.loads(path.read_text())
+            write_json(path, list(_score_rooms(config, folder, models, source, room_count)))
+    return _all_scores(folder, room_count)
+
+
+def _all_scores(folder: Path, room_count: int) -> Scores:
+    """The scores of every row that a folder holds."""
+    scored = {}
+    for scenario, condition in EVERY_ROW:
+        path = folder / "rooms" / f"{scenario}_{condition}.json"
+        if path.exists():
+            scored[scenario, condition] = rooms = load_json(path)
+            if len(rooms) != room_count:
+                raise InputError(f"{path}: expected {room_count} rooms, found {len(rooms)}; {REMEDY}")
     return scored
 
 
@@ -109,13 +127,14 @@ def _score_rooms(
         scores = evaluate.scores_of(cloud, source.scenario, models, config.network)
         if not kept and (cloud.true & cloud.testable).sum() >= config.evaluate.least_positives:
             kept = True
-            arrays = {"points": cloud.points, "true": cloud.true, "room": np.array(truth.index)}
-            runs.write_arrays(example, arrays | {f"score {method}": score for method, score in scores.items()})
+            label, void = labels_of(cloud, "true")
+            arrays = {"points": cloud.points, "label": label, "void": void, "room": np.array(truth.index)}
+            write_arrays(example, arrays | {f"score {method}": score for method, score in scores.items()})
         yield evaluate.score_room(cloud, truth, source.scenario, scores, config)
 
 
-def write_results(config: Config, folder: Path, rooms: dict[tuple[str, str], list[dict[str, Any]]]) -> None:
-    """Write the table in its three forms, and what the models say in words."""
+def write_results(config: Config, run: Path, folder: Path, rooms: Scores) -> None:
+    """Write the table in its three forms, and what the models say in words; `run` holds the versions behind them."""
     flat = [room for key, members in rooms.items() for room in evaluate.flat_rooms(members, *key)]
     rows = tables.table_rows(flat, config.evaluate, tables.reported_values())
     meta = {
@@ -125,24 +144,23 @@ def write_results(config: Config, folder: Path, rooms: dict[tuple[str, str], lis
         "least_positives": config.evaluate.least_positives,
         "interval": "95 % percentile bootstrap over rooms",
         "range_noise": config.scan.range_noise,
-        "versions": runs.versions(),
+        "train": {name: getattr(config.train, name) for name in TOLD},
+        "versions": load_json(run / runs.VERSIONS),
     }
     tables.write_table(folder, rows, meta)
-    runs.write_json(folder / SENTENCES, _sentences(rooms, config.train.methods[0]))
+    write_json(folder / SENTENCES, _sentences(rooms, config.train.methods[0]))
 
 
-def _sentences(rooms: dict[tuple[str, str], list[dict[str, Any]]], method: str) -> list[dict[str, Any]]:
+def _sentences(rooms: Scores, method: str) -> list[dict[str, Any]]:
     """Every box that one method found, in words, with where it was found and whether it is right."""
     said = []
     for (scenario, condition), members in rooms.items():
         for room in members:
-            scored = room["methods"][method]
-            for box in scored["boxes"]:
+            for box in room["methods"][method]["boxes"]:
                 arrays = np.array(box["center"]), np.array(box["dimensions"])
                 text = sentence(Box(box["object_type"], *arrays), box["mismatch_type"])
-                right = scored["boxes_matched"] == scored["boxes_found"]
                 place = {"scenario": scenario, "condition": condition, "room": room["room"], "method": method}
-                said.append(place | {"all_boxes_of_the_room_are_right": right, "sentence": text})
+                said.append(place | {"right": box["right"], "sentence": text})
     return said
 
 
@@ -155,28 +173,32 @@ def figure_stage(config: Config, folder: Path) -> None:
         figures.validation_curves(curves, folder / "figures" / f"validation_{method}.png", f"{method}: validation")
     examples = sorted((folder / "rooms").glob("*.npz"))
     for path in _progress(examples, "draw figures", len(examples)):
-        with np.load(path, allow_pickle=False) as arrays:
-            for method in config.train.methods:
-                cloud = room_figures.ScoredCloud(arrays["points"], arrays[f"score {method}"], arrays["true"])
-                title = f"{method} · {path.stem.replace('_', ' ')} · test room {int(arrays['room'])}, true labels"
-                target = folder / "figures" / f"{path.stem}_{method}.png"
-                room_figures.room_report(cloud, target, title, config.evaluate.threshold)
+        arrays = load_arrays(path)
+        scored = ~arrays["void"]  # as in the table: what no method could know is not counted
+        for method in config.train.methods:
+            columns = (arrays["points"], arrays[f"score {method}"], arrays["label"])
+            cloud = room_figures.ScoredCloud(*(column[scored] for column in columns))
+            title = f"{method} · {path.stem.replace('_', ' ')} · test room {int(arrays['room'])}, true labels"
+            target = folder / "figures" / f"{path.stem}_{method}.png"
+            room_figures.room_report(cloud, target, title, config.evaluate.threshold)
 
 
 def _print_results(folder: Path) -> None:
     print(tables.as_terminal(tables.read_rows(folder)))
     print(f"run folder: {folder}")
-    for said in _one_per_scenario(json.loads((folder / SENTENCES).read_text()))[:3]:
-        print(
-            f"{said['scenario']}, {said['condition']}, test room {said['room']}, {said['method']}: {said['sentence']}"
-        )
+    examples = _examples(load_json(folder / SENTENCES))
+    for said in examples:
+        where = f"{said['scenario']}, {said['condition']}, test room {said['room']}, {said['method']}"
+        print(f"{where}: {said['sentence']} ({'right' if said['right'] else 'wrong'})")
+    if not examples:
+        print("no model found a box in any test room, so there is no sentence to show")
 
 
-def _one_per_scenario(said: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    first: dict[str, dict[str, Any]] = {}
-    for item in said:
-        first.setdefault(item["scenario"], item)
-    return list(first.values())
+def _examples(said: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Three of them: the first of each scenario, then whatever comes first."""
+    places = [item["scenario"] for item in said]
+    order = sorted(range(len(said)), key=lambda i: (places.index(places[i]) != i, i))
+    return [said[i] for i in order[:3]]
 
 
 def _progress(items: Iterable, label: str, total: int) -> Iterator:

@@ -2,13 +2,15 @@
 
 import contextlib
 import dataclasses
+import errno
 import fcntl
+import hashlib
 import importlib.metadata
 import json
 import os
 import platform
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ import tomli_w
 from flax.traverse_util import flatten_dict, unflatten_dict
 
 from jaxmm.config import TRAINED_METHODS, Config, load, parse
+from jaxmm.files import load_json, write_atomically, write_json, write_text
 from jaxmm.inputs import InputError
 from jaxmm.train import Model, init_all
 
@@ -36,40 +39,6 @@ PACKAGES = (
     "scipy",
     "warp-lang",
 )
-
-
-def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let `write` fill a temporary file beside `path`, then rename it: readers see the old file or the new one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        write(temporary)
-        os.replace(temporary, path)
-    except OSError as error:
-        # A full disk shows up on a file that is already open, and such an error does not say which.
-        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write text, whole or not at all."""
-    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
-
-
-def write_json(path: Path, value: Any) -> None:
-    """Write JSON, whole or not at all; NaN is refused, gaps are null."""
-    write_text(path, json.dumps(value, indent=1, allow_nan=False) + "\n")
-
-
-def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write a .npz of plain arrays, whole or not at all."""
-
-    def write(temporary: Path) -> None:
-        with open(temporary, "wb") as file:  # a file object: savez would append .npz to a name
-            np.savez(file, **arrays)
-
-    write_atomically(path, write)
 
 
 @contextlib.contextmanager
@@ -90,6 +59,8 @@ def open_run(folder: Path, config: Config) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         lock = open(folder / ".lock", "w")
     except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
+            raise  # nothing is wrong with what the user asked for
         raise InputError(f"{folder}: expected a folder to write to: {error.strerror}") from error
     with lock:
         try:
@@ -101,6 +72,7 @@ def open_run(folder: Path, config: Config) -> Iterator[None]:
         if (folder / CONFIG).exists():
             if read_config(folder) != config:
                 raise InputError(f"{folder}: holds a run with other settings; choose another --out or remove it")
+            _check_versions(folder)
         else:
             # The settings come last: they make the folder a run folder, with all that one begins with.
             write_json(folder / VERSIONS, versions())
@@ -108,6 +80,14 @@ def open_run(folder: Path, config: Config) -> Iterator[None]:
         for temporary in folder.rglob(".*.tmp"):  # of a process that was killed
             temporary.unlink()
         yield
+
+
+def _check_versions(folder: Path) -> None:
+    """Refuse to go on with a run that other code began: one table would hold the results of both."""
+    begun, now = load_json(folder / VERSIONS), versions()
+    other = [name for name in now if name != "git_commit" and begun.get(name) != now[name]]
+    if other:
+        raise InputError(f"{folder}: holds a run made with other {', '.join(other)}; choose another --out or remove it")
 
 
 def read_config(folder: Path) -> Config:
@@ -137,8 +117,18 @@ def versions() -> dict[str, Any]:
         "machine": platform.machine(),
         "threads": os.cpu_count(),
         "packages": {name: importlib.metadata.version(name) for name in PACKAGES},
+        "code": _code_hash(),
         "git_commit": _git_commit(),
     }
+
+
+def _code_hash() -> str:
+    """sha256 over the sources of both packages; unlike the commit it tells code from prose."""
+    tree = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(path for name in ("jaxmm", "warp_scanner") for path in (tree / name).rglob("*.py")):
+        digest.update(path.relative_to(tree).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 def _git_commit() -> str | None:

@@ -3,23 +3,27 @@
 import csv
 import io
 import itertools
-import json
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jaxmm.config import EvaluateConfig
+from jaxmm.files import load_json, write_json, write_text
 from jaxmm.metrics import METRICS, bootstrap_interval
-from jaxmm.runs import write_json, write_text
 
 SECTION = "Individual Models"
 LABEL_KINDS = ("heuristic", "true")
 BOX_METRICS = ("box_precision", "box_recall")
+REPORTED_METRICS = ("roc_auc", "precision_at_95", "thesis_fpr_at_95", "thesis_iou_at_95")
+LABEL_TITLES = {"heuristic": "Heuristic labels (the thesis's)", "true": "True labels (the simulator's)"}
+SHOWN = {"roc_auc": "ROC AUC", "precision_at_95": "precision at 95 % recall"}  # in the short tables
 REPORTED_METHOD = "xyz_nn"  # the thesis's individual models saw coordinates, and augmented copies
 COLUMNS = ("section", "test_case", "condition", "method", "label_kind", *METRICS, "observable_share", *BOX_METRICS)
+
+COUNTS = ("scene_count", "room_count", "left_out_share")
 
 Room = dict[str, Any]  # scores of one room: see evaluate.score_room
 Row = dict[str, Any]  # one row of the table: the columns, scene_count, left_out_share, ci95, reported
@@ -61,6 +65,7 @@ def _row(scenario, condition, label_kind, method, rooms: list[Room], config: Eva
         counts = np.array([[room["boxes_matched"], room[total]] for room in rooms], float)
         row[metric], interval[metric] = _ratio(counts, config.resamples)
     row["scene_count"] = len(scored)
+    row["room_count"] = len(rooms)
     row["left_out_share"] = 1 - len(scored) / len(rooms)
     row["ci95"] = interval
     told = method == REPORTED_METHOD and label_kind == "heuristic"
@@ -69,11 +74,14 @@ def _row(scenario, condition, label_kind, method, rooms: list[Room], config: Eva
 
 
 def _ratio(counts: np.ndarray, resamples: int) -> tuple[float | None, list[float] | None]:
-    """Sum of column 0 over sum of column 1, and its interval over rooms; None where there is nothing to count."""
+    """Sum of column 0 over sum of column 1, and its interval over rooms; None where there is nothing to count.
+
+    One room says nothing of how rooms differ, so it has no interval.
+    """
     if not len(counts) or counts[:, 1].sum() == 0:
         return None, None
-    low, high = bootstrap_interval(counts, resamples)
-    return float(counts[:, 0].sum() / counts[:, 1].sum()), [low, high]
+    ratio = float(counts[:, 0].sum() / counts[:, 1].sum())
+    return ratio, list(bootstrap_interval(counts, resamples)) if len(counts) > 1 else None
 
 
 def reported_values() -> dict[tuple[str, str], dict[str, float]]:
@@ -94,19 +102,19 @@ def write_table(folder: Path, rows: list[Row], meta: dict[str, Any]) -> None:
 
 def read_rows(folder: Path) -> list[Row]:
     """The rows of a table_1.json that `write_table` wrote."""
-    return json.loads((folder / "table_1.json").read_text())["rows"]
+    return load_json(folder / "table_1.json")["rows"]
 
 
 def _as_csv(rows: list[Row]) -> str:
     measured = [*METRICS, "observable_share", *BOX_METRICS]
-    names = [*COLUMNS, "scene_count", "left_out_share"]
+    names = [*COLUMNS, *COUNTS]
     names += [f"{metric}_{end}" for metric in measured for end in ("low", "high")]
-    names += [f"reported_{metric}" for metric in METRICS]
+    names += [f"reported_{metric}" for metric in REPORTED_METRICS]
     text = io.StringIO()
     writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        flat = {name: row[name] for name in (*COLUMNS, "scene_count", "left_out_share")}
+        flat = {name: row[name] for name in (*COLUMNS, *COUNTS)}
         for metric in measured:
             flat[f"{metric}_low"], flat[f"{metric}_high"] = row["ci95"][metric] or (None, None)
         flat |= {f"reported_{metric}": value for metric, value in (row["reported"] or {}).items()}
@@ -115,38 +123,59 @@ def _as_csv(rows: list[Row]) -> str:
 
 
 def as_markdown(rows: list[Row]) -> str:
-    """The table for people: one block per label kind, one line per test case, one group of columns per method."""
-    return "\n".join(_block(rows, label_kind, _markdown_line, rule=True) for label_kind in LABEL_KINDS)
+    """The table for people: short ones as in the terminal, then every column of every row."""
+    blocks = [_block(rows, kind, metric, _markdown_line) for kind in LABEL_KINDS for metric in SHOWN]
+    return "\n".join([*filter(None, blocks), "Every column:\n", *_full_table(rows)]) + "\n"
 
 
 def as_terminal(rows: list[Row]) -> str:
-    """The same table in fixed columns."""
-    return "\n".join(_block(rows, label_kind, _terminal_line, rule=False) for label_kind in LABEL_KINDS)
+    """Two short tables per kind of label, in fixed columns."""
+    blocks = [_block(rows, kind, metric, _terminal_line) for kind in LABEL_KINDS for metric in SHOWN]
+    return "\n".join(filter(None, blocks))
 
 
-def _block(rows: list[Row], label_kind: str, line: Callable[[list[str]], str], *, rule: bool) -> str:
+def _block(rows: list[Row], label_kind: str, metric: str, line: Callable[[list[str]], str]) -> str:
+    """One line per test case, one column per method."""
     rows = [row for row in rows if row["label_kind"] == label_kind]
     if not rows:
         return ""
     methods = list(dict.fromkeys(row["method"] for row in rows))
-    titles = {"heuristic": "Heuristic labels (the thesis's)", "true": "True labels (the simulator's)"}
-    title = f"{titles[label_kind]}: ROC AUC ± half its 95 % interval, precision at 95 % recall"
-    header = ["test case", "condition", "rooms", "reported", *methods]
-    lines = [title, "", line(header)] + ([line(["---"] * len(header))] if rule else [])
+    header = ["test case", "rooms", "reported", *methods]
+    lines = [f"{LABEL_TITLES[label_kind]}: {SHOWN[metric]}, with its 95 % interval over rooms", "", line(header)]
+    lines += [line(["---"] * len(header))] if line is _markdown_line else []
     for (test_case, condition), group in itertools.groupby(rows, lambda row: (row["test_case"], row["condition"])):
         by_method = {row["method"]: row for row in group}
-        counts = "/".join(dict.fromkeys(str(row["scene_count"]) for row in by_method.values()))
+        any_row = next(iter(by_method.values()))
         reported = next((row["reported"] for row in by_method.values() if row["reported"]), None)
-        told = f"{reported['roc_auc']:.4f}, {reported['precision_at_95']:.4f}" if reported else "-"
-        lines.append(line([test_case, condition, counts, told, *(_measured(by_method.get(name)) for name in methods)]))
+        cells = [f"{test_case.lower()} {condition}", f"{any_row['scene_count']}/{any_row['room_count']}"]
+        cells.append(_number(reported and reported[metric]))
+        lines.append(line(cells + [_measured(by_method.get(name), metric) for name in methods]))
     return "\n".join(lines) + "\n"
 
 
-def _measured(row: Row | None) -> str:
-    if row is None or row["roc_auc"] is None:
+def _full_table(rows: list[Row]) -> Iterator[str]:
+    told = [f"reported {metric}" for metric in REPORTED_METRICS]
+    measured = [*METRICS, "observable_share", *BOX_METRICS]
+    names = ["test case", "labels", "method", "rooms", *(name.replace("_", " ") for name in measured + told)]
+    yield _markdown_line(names)
+    yield _markdown_line(["---"] * len(names))
+    for row in rows:
+        cells = [f"{row['test_case']}, {row['condition']}", row["label_kind"], row["method"]]
+        cells.append(f"{row['scene_count']}/{row['room_count']}")
+        cells += [_measured(row, metric) for metric in measured]
+        reported = row["reported"] or {}
+        yield _markdown_line(cells + [_number(reported.get(metric)) for metric in REPORTED_METRICS])
+
+
+def _measured(row: Row | None, metric: str) -> str:
+    if row is None or row[metric] is None:
         return "-"
-    low, high = row["ci95"]["roc_auc"]
-    return f"{row['roc_auc']:.4f} ± {(high - low) / 2:.4f}, {row['precision_at_95']:.4f}"
+    interval = row["ci95"][metric]
+    return _number(row[metric]) + (f" {interval[0]:.3f}-{interval[1]:.3f}" if interval else "")
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
 
 
 def _markdown_line(cells: list[str]) -> str:
@@ -154,5 +183,5 @@ def _markdown_line(cells: list[str]) -> str:
 
 
 def _terminal_line(cells: list[str]) -> str:
-    widths = (14, 9, 5, 14, *[23] * (len(cells) - 4))
+    widths = (23, 5, 8, *[18] * (len(cells) - 3))
     return "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()

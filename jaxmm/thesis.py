@@ -155,7 +155,7 @@ def score_pair(pair: ThesisPair, scorer: Scorer, find_boxes: BoxFinder | None = 
         "by_element": _by_element(scan, score),
         "boxes": [] if find_boxes is None else find_boxes(scan.points, score),
     }
-    if not positives:
+    if row["roc_auc"] is None:
         row["max_probability"] = float(score.max())
     return row
 

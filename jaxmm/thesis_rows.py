@@ -8,9 +8,10 @@ import numpy as np
 from jaxmm.batches import features_of
 from jaxmm.config import SCENARIOS, Config, NetworkConfig
 from jaxmm.evaluate import CONTROL, box_as_json, find_boxes, pick_model, predict
+from jaxmm.files import write_json
 from jaxmm.inputs import InputError
 from jaxmm.network import from_torch
-from jaxmm.runs import load_models, versions, write_json
+from jaxmm.runs import load_models, versions
 from jaxmm.thesis import Scorer, find_pairs, find_weights, nn_raw, score_pair
 from jaxmm.torch_weights import read_state_dict
 from jaxmm.train import Model
@@ -92,6 +93,6 @@ def _box_finder(scenario: str, method: str) -> Callable[[np.ndarray, np.ndarray]
 def _line(row: dict) -> str:
     name = f"{row['source']} {row['scenario']} {row['room']} {row['condition']}"
     if row["roc_auc"] is None:
-        return f"{name}: no positives, largest score {row['max_probability']:.4f}, {len(row['boxes'])} boxes"
+        return f"{name}: all points of one label, largest score {row['max_probability']:.4f}, {len(row['boxes'])} boxes"
     scores = f"AUC {row['roc_auc']:.4f}, FPR@95 {row['fpr_at_95']:.4f}, P@95 {row['precision_at_95']:.4f}"
     return f"{name}: {scores}, {len(row['boxes'])} boxes"

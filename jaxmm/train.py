@@ -13,7 +13,7 @@ import optax
 from jaxmm.batches import Batch
 from jaxmm.config import Config, NetworkConfig, TrainConfig
 from jaxmm.losses import LossSum, focal_loss
-from jaxmm.network import CLOUDS, PointNetwork
+from jaxmm.network import CLOUDS, PointNetwork, norm_of
 
 
 class Model(NamedTuple):
@@ -33,14 +33,25 @@ class TrainState(NamedTuple):
 class Validation(NamedTuple):
     """How a model does on validation clouds; (S,) when stacked."""
 
-    loss: jax.Array  # mean focal loss over real points [nat]
+    loss: jax.Array  # mean focal loss over scored points [nat]
     precision: jax.Array  # at the evaluation threshold; nan when nothing is predicted
     recall: jax.Array  # nan when there are no positives
 
 
 def optimizer(config: TrainConfig) -> optax.GradientTransformation:
     """Adam with L2 weight decay added to the gradient before the moments, as torch's Adam does it."""
-    return optax.chain(optax.add_decayed_weights(config.weight_decay), optax.adam(config.learning_rate))
+    return optax.chain(optax.add_decayed_weights(config.weight_decay, mask=_decays), optax.adam(config.learning_rate))
+
+
+def _decays(params: Any) -> Any:
+    """Which leaves decay: all but the biases that a normalisation cancels, for those have no gradient of their own.
+
+    Adam would turn even the smallest decay into steps of full size, which the running means then lag behind.
+    """
+    return {
+        layer: {leaf: leaf != "bias" or layer == norm_of(layer) or norm_of(layer) not in params for leaf in leaves}
+        for layer, leaves in params.items()
+    }
 
 
 def init_model(key: jax.Array, feature_count: int, config: NetworkConfig) -> Model:
@@ -57,7 +68,7 @@ def init(key: jax.Array, feature_count: int, config: Config) -> TrainState:
 
 
 def batch_loss(params: Any, batch_stats: Any, batch: Batch, config: Config) -> tuple[jax.Array, Any]:
-    """Mean focal loss [nat] over the real points of one model's clouds, and the updated running statistics."""
+    """Mean focal loss [nat] over the scored points of one model's clouds, and the updated running statistics."""
     network = PointNetwork(config.network)
 
     def one_cloud(features, mask, seed):
@@ -67,7 +78,7 @@ def batch_loss(params: Any, batch_stats: Any, batch: Batch, config: Config) -> t
     # Statistics are sums over the named axis, hence the same for every cloud: out_axes None takes them once.
     over_clouds = jax.vmap(one_cloud, axis_name=CLOUDS, out_axes=(0, None))
     logits, updated = over_clouds(batch.features, batch.mask, batch.seeds)
-    losses = jax.vmap(partial(focal_loss, config=config.loss))(logits, batch.labels, batch.mask)
+    losses = jax.vmap(partial(focal_loss, config=config.loss))(logits, batch.labels, batch.scored)
     return _mean(losses), updated["batch_stats"]
 
 
@@ -84,9 +95,10 @@ def validate(model: Model, batch: Batch, config: Config) -> Validation:
 
     def one_cloud(cloud: Batch):
         logits = logits_of(model, cloud.features, cloud.mask, config.network)
-        found = (jax.nn.sigmoid(logits) >= config.evaluate.threshold) & cloud.mask
-        hits = jnp.sum(found & cloud.labels)
-        return focal_loss(logits, cloud.labels, cloud.mask, config.loss), hits, found.sum(), cloud.labels.sum()
+        found = (jax.nn.sigmoid(logits) >= config.evaluate.threshold) & cloud.scored
+        positive = cloud.labels & cloud.scored
+        hits = jnp.sum(found & positive)
+        return focal_loss(logits, cloud.labels, cloud.scored, config.loss), hits, found.sum(), positive.sum()
 
     losses, hits, found, positives = jax.lax.map(one_cloud, batch)
     return Validation(_mean(losses), hits.sum() / found.sum(), hits.sum() / positives.sum())

@@ -146,3 +146,15 @@ def test_features_are_the_distance_after_the_coordinates_of_methods_that_see_the
     np.testing.assert_array_equal(features_of("nn", points, distance), [[7], [8]])
     np.testing.assert_array_equal(features_of("xyz_nn", points, distance), [[0, 1, 2, 7], [3, 4, 5, 8]])
     assert features_of("xyz_nn", points, distance).dtype == np.float32
+
+
+@pytest.mark.parametrize("label_kind", ["heuristic", "true"])
+def test_untestable_returns_are_seen_but_not_scored(label_kind):
+    drawn = sampler(label_kind=label_kind)
+    for step in range(10):
+        batch = drawn.batch(step)
+        assert not (batch.scored & ~batch.mask).any()
+        for place in np.ndindex(batch.mask.shape[:2]):
+            _, point = numbers(batch, *place)
+            void = point % 3 != 0 if label_kind == "true" else np.zeros(len(point), bool)  # true, and not testable
+            np.testing.assert_array_equal(batch.scored[place][batch.mask[place]], ~void)

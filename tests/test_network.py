@@ -213,6 +213,10 @@ def test_from_torch_brings_every_tensor_to_its_place():
         pytest.param(lambda s: s.update({"conv2.weight": np.zeros((16, 7, 1))}), r"conv2.weight: expected", id="shape"),
         pytest.param(lambda s: s.update({"stn.weight": np.zeros(3)}), "stn.weight", id="left over"),
         pytest.param(lambda s: s.clear(), "expected tensors conv1.weight", id="empty"),
+        pytest.param(
+            lambda s: s.update({"conv4.weight": np.zeros((3, 16, 1))}), "conv1.weight ...", id="a gap in between"
+        ),
+        pytest.param(lambda s: s.update({"conv2.weight": np.float32(1)}), "conv1.weight ...", id="a number"),
     ],
 )
 def test_from_torch_names_what_is_wrong(damage, message):

@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from jaxmm.preprocess import (
-    augment,
     augmentations,
     nearest_distance,
     object_filter,
@@ -188,7 +187,8 @@ def test_outliers_agree_with_open3d(neighbours, std):
 @pytest.mark.parametrize("seed", range(50))
 def test_augmented_copies_are_moved_as_one_body(seed):
     points_a, points_b = cloud(seed, 60), cloud(seed + 1000, 50)
-    copies = augment(points_a, points_b, np.random.default_rng(seed))
+    moves = augmentations(np.random.default_rng(seed))
+    copies = [(move.apply(points_a), move.apply(points_b)) for move in moves]
     assert len(copies) == 3
     for a, b in copies:
         assert a.dtype == b.dtype == np.float32

@@ -186,6 +186,15 @@ def test_settings_are_respected():
         ({"table_limit": -1}, "room.table_limit"),
         ({"wall_count_x": (0, 3)}, "room.wall_count_x"),
         ({"size": (10.0, 10.0, 2.0)}, "room.size"),
+        ({"size": (0.5, 0.5, 3.0)}, "room.size"),
+        ({"shell_thickness": -1.0}, "room.shell_thickness"),
+        ({"door_share": 5.0}, "room.door_share"),
+        ({"door_height": -1.0}, "room.door_height"),
+        ({"clearance": 50.0}, "room.clearance"),
+        ({"pillar_density": (0.0, 5.0)}, "room.pillar_density"),
+        ({"pillar_width": (0.0, 0.0)}, "room.pillar_width"),
+        ({"wall_thickness": (5.0, 6.0)}, "room.wall_thickness"),
+        ({"chair_limit": 2_000_000_000}, "room.chair_limit"),
     ],
 )
 def test_rejects_impossible_settings(settings, message):

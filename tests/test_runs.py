@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jaxmm import runs
+from jaxmm import files, runs
 from jaxmm.config import Config, NetworkConfig, load
 from jaxmm.inputs import InputError
 from jaxmm.train import init_all
@@ -46,9 +46,9 @@ def half_then(error):
 def test_a_writer_that_fails_midway_leaves_the_old_file_and_no_other(tmp_path, error, old):
     path = tmp_path / "sub" / "file.txt"
     if old is not None:
-        runs.write_text(path, old)
+        files.write_text(path, old)
     with pytest.raises(type(error)) as caught:
-        runs.write_atomically(path, half_then(error))
+        files.write_atomically(path, half_then(error))
     assert names(path.parent) == ([path.name] if old else []) and (old is None or path.read_text() == old)
     if isinstance(error, OSError):
         assert str(path) in str(caught.value) and caught.value.errno == errno.ENOSPC
@@ -56,23 +56,23 @@ def test_a_writer_that_fails_midway_leaves_the_old_file_and_no_other(tmp_path, e
 
 def test_json_refuses_nan_and_keeps_the_old_file(tmp_path):
     path = tmp_path / "a.json"
-    runs.write_json(path, {"x": 1.5, "gap": None})
+    files.write_json(path, {"x": 1.5, "gap": None})
     with pytest.raises(ValueError):
-        runs.write_json(path, {"x": float("nan")})
+        files.write_json(path, {"x": float("nan")})
     assert json.loads(path.read_text()) == {"x": 1.5, "gap": None} and names(tmp_path) == ["a.json"]
 
 
 FULL_DISK = """
 import pathlib, resource, sys
 import numpy as np
-from jaxmm import runs
+from jaxmm import files, runs
 folder = pathlib.Path(sys.argv[1])
-runs.write_text(folder / "text", "old")
+files.write_text(folder / "text", "old")
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 for write in (
-    lambda: runs.write_text(folder / "text", "new" * 1000),
-    lambda: runs.write_arrays(folder / "arrays.npz", {"a": np.arange(1000)}),
-    lambda: runs.write_json(folder / "rows.json", list(range(1000))),
+    lambda: files.write_text(folder / "text", "new" * 1000),
+    lambda: files.write_arrays(folder / "arrays.npz", {"a": np.arange(1000)}),
+    lambda: files.write_json(folder / "rows.json", list(range(1000))),
 ):
     try:
         write()
@@ -222,3 +222,27 @@ def test_a_full_disk_keeps_the_old_models(tmp_path, models):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     assert path.read_bytes() == whole and names(tmp_path) == [path.name]
+
+
+@pytest.mark.parametrize("name", ["code", "python", "packages", "threads"])
+def test_a_run_that_other_code_began_is_refused(tmp_path, name):
+    with runs.open_run(tmp_path / "run", Config()):
+        pass
+    path = tmp_path / "run" / runs.VERSIONS
+    stored = json.loads(path.read_text())
+    path.write_text(json.dumps(stored | {"git_commit": "another"}))
+    with runs.open_run(tmp_path / "run", Config()):  # prose may change between a kill and the next start
+        pass
+    path.write_text(json.dumps(stored | {name: "another"}))
+    with pytest.raises(InputError, match=f"other {name};"), runs.open_run(tmp_path / "run", Config()):
+        pass
+
+
+@pytest.mark.parametrize("content", [None, b"", b'[{"room": 0', b"PK\x03\x04"])
+@pytest.mark.parametrize("load_file, name", [(files.load_json, "a.json"), (files.load_arrays, "a.npz")])
+def test_damaged_files_of_a_run_are_named_with_what_to_do(tmp_path, load_file, name, content):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=rf"{name}: .*delete it") as caught:
+        load_file(tmp_path / name)
+    assert "\n" not in str(caught.value)

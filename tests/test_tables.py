@@ -16,7 +16,7 @@ CONFIG = EvaluateConfig(least_positives=20, resamples=400)
 CONTRACT = [
     "section", "test_case", "condition", "method", "label_kind", "roc_auc", "fpr_at_95", "precision_at_95",
     "iou_at_95", "thesis_fpr_at_95", "thesis_iou_at_95", "observable_share", "box_precision", "box_recall",
-    "scene_count", "left_out_share", "ci95", "reported",
+    "scene_count", "room_count", "left_out_share", "ci95", "reported",
 ]  # fmt: skip
 METHODS = ("nn-raw", "nn", "xyz_nn")
 
@@ -54,7 +54,7 @@ def test_a_table_has_a_row_for_every_case_method_and_label_kind_with_the_promise
         assert list(row) == CONTRACT and row["section"] == "Individual Models"
         assert set(row["ci95"]) == set(METRICS) | {"observable_share", "box_precision", "box_recall"}
         for name, interval in row["ci95"].items():
-            assert interval[0] <= row[name] <= interval[1]
+            assert interval[0] <= row[name] <= interval[1], name
 
 
 def test_means_are_over_rooms_with_enough_positives():
@@ -137,29 +137,53 @@ def test_csv_and_markdown_say_what_the_json_says(tmp_path):
             ends = [cells[f"{name}_low"], cells[f"{name}_high"]]
             assert ends == (["", ""] if interval is None else list(map(str, interval)))
         for name in METRICS:
+            if name not in tables.REPORTED_METRICS:
+                continue
             told = (row["reported"] or {}).get(name)
             assert cells[f"reported_{name}"] == ("" if told is None else str(told))
     tables.write_table(tmp_path, whole_table(), {})
     assert_markdown_agrees((tmp_path / "table_1.md").read_text(), whole_table())
 
 
+def cells_of(line):
+    return line.strip("| ").split(" | ")
+
+
 def assert_markdown_agrees(text, rows):
-    blocks = dict(zip(tables.LABEL_KINDS, text.split("True labels"), strict=True))
+    """The short tables come first, one per kind of label and metric; the long one has every row."""
+    long = text.split("Every column:")[1]
+    short = dict(
+        zip(itertools.product(tables.LABEL_KINDS, tables.SHOWN), text.split(", with its 95 %")[1:], strict=True)
+    )
     for row in rows:
-        lines = [line for line in blocks[row["label_kind"]].splitlines() if line.startswith(f"| {row['test_case']} ")]
-        (line,) = [line for line in lines if f"| {row['condition']} | 6 |" in line]
-        cell = line.strip("| ").split(" | ")[4 + METHODS.index(row["method"])]
-        low, high = row["ci95"]["roc_auc"]
-        assert cell == f"{row['roc_auc']:.4f} ± {(high - low) / 2:.4f}, {row['precision_at_95']:.4f}"
-        if row["reported"]:
-            assert f"| {row['reported']['roc_auc']:.4f}, {row['reported']['precision_at_95']:.4f} |" in line
+        case = f"{row['test_case'].lower()} {row['condition']}"
+        for metric in tables.SHOWN:
+            lines = short[row["label_kind"], metric].split("Every column:")[0].splitlines()
+            (line,) = [line for line in lines if line.startswith(f"| {case} |")]
+            low, high = row["ci95"][metric]
+            assert cells_of(line)[3 + METHODS.index(row["method"])] == f"{row[metric]:.4f} {low:.3f}-{high:.3f}"
+            assert cells_of(line)[1] == "6/6"
+            if row["reported"]:
+                assert cells_of(line)[2] == f"{row['reported'][metric]:.4f}"
+        start = f"| {row['test_case']}, {row['condition']} | {row['label_kind']} | {row['method']} | 6/6 |"
+        (line,) = [line for line in long.splitlines() if line.startswith(start)]
+        values = [cell.split(" ")[0] for cell in cells_of(line)[4:]]
+        measured = [row[name] for name in (*METRICS, "observable_share", *tables.BOX_METRICS)]
+        reported = [(row["reported"] or {}).get(name) for name in tables.REPORTED_METRICS]
+        assert values == ["-" if value is None else f"{value:.4f}" for value in measured + reported]
 
 
-def test_the_terminal_shows_the_numbers_of_the_markdown():
+def test_the_terminal_shows_the_short_tables_within_a_hundred_columns():
     rows = whole_table()
-    shown = 0
-    for line in tables.as_markdown(rows).splitlines():
-        for cell in line.strip("| ").split(" | ") if "±" in line and line.startswith("|") else ():
-            shown += 1
-            assert cell in tables.as_terminal(rows)
-    assert shown == 16 * 7  # every line of both label kinds has as many cells
+    terminal = tables.as_terminal(rows)
+    assert max(map(len, terminal.splitlines())) <= 100
+    short = tables.as_markdown(rows).split("Every column:")[0]
+    lines = [line for line in short.splitlines() if line.startswith("|") and "---" not in line]
+    assert len(lines) == 4 * 9
+    for line in lines:
+        assert all(cell in terminal for cell in cells_of(line))
+
+
+def test_one_room_has_no_interval():
+    row = only_row([room(roc_auc=0.7)])
+    assert row["roc_auc"] == 0.7 and row["ci95"]["roc_auc"] is None

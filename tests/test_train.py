@@ -32,7 +32,7 @@ def random_batch(step, features=1, scenarios=4, clouds=3, points=70):
     values = rng.exponential(0.05, (*labels.shape, features)) + 0.3 * labels[..., None]
     mask = np.arange(points) < rng.integers(points // 2, points + 1, (scenarios, clouds))[..., None]
     seeds = rng.integers(0, 2**32, (scenarios, clouds), np.uint32)
-    return Batch(values.astype(np.float32), labels & mask, mask, seeds)
+    return Batch(values.astype(np.float32), labels & mask, mask, mask, seeds)
 
 
 def largest_difference(a, b):
@@ -118,7 +118,7 @@ def test_steps_agree_with_torch():
     step_of_one = jax.jit(train.train_step, static_argnames="config")
     for step in range(10):
         batch = pick(random_batch(step, features=4), 0)
-        batch = batch._replace(mask=np.ones_like(batch.mask))
+        batch = batch._replace(mask=np.ones_like(batch.mask), scored=np.ones_like(batch.mask))
         state, ours = step_of_one(state, batch, config)
         logits = model(torch.from_numpy(batch.features.transpose(0, 2, 1)))
         labels = torch.from_numpy(batch.labels.astype(np.float32))
@@ -157,6 +157,32 @@ def torch_model(torch, params):
             getattr(model, name).weight.copy_(torch.from_numpy(kernel))
             getattr(model, name).bias.copy_(torch.from_numpy(np.array(params[name]["bias"])))
     return model
+
+
+def test_void_points_reach_the_statistics_but_not_the_loss():
+    config, batch = in_mode("map"), random_batch(4, features=4)
+    models = train.init_all(jax.random.key(2), 4, config).model
+    void = batch.mask & (np.random.default_rng(0).random(batch.mask.shape) < 0.3)
+    flipped = batch._replace(labels=batch.labels ^ void)
+    for scored, alike in ((batch.mask & ~void, True), (batch.mask, False)):
+        pair = [
+            train.batch_loss(*pick(models, 0), pick(b._replace(scored=scored), 0), config) for b in (batch, flipped)
+        ]
+        assert np.allclose(pair[0][0], pair[1][0], rtol=1e-6) == alike
+        validations = [
+            train.validate(pick(models, 0), pick(b._replace(scored=scored), 0), config) for b in (batch, flipped)
+        ]
+        assert np.allclose(validations[0].loss, validations[1].loss, rtol=1e-6) == alike
+
+
+def test_biases_that_a_normalisation_cancels_keep_still():
+    state = pick(train.init_all(jax.random.key(0), 1, CONFIG), 0)
+    step_of_one = jax.jit(train.train_step, static_argnames="config")
+    after, _ = step_of_one(state, pick(random_batch(0), 0), CONFIG)
+    for layer, before in state.model.params.items():
+        moved = {leaf: largest_difference(before[leaf], after.model.params[layer][leaf]) > 0 for leaf in before}
+        cancelled = "conv" in layer and layer != "seg_conv3"
+        assert moved == {leaf: not (leaf == "bias" and cancelled) for leaf in before}, layer
 
 
 def test_joint_step_compiles_once_for_one_shape():

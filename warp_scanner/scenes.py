@@ -74,6 +74,8 @@ def scene_mesh(primitives: Primitives, room: int, sections: int = 64) -> tuple[n
     Returns:
         vertices (V, 3) float64 [m] world, triangles (T, 3) int64, and the slot (T,) int64 each triangle comes from.
     """
+    import trimesh  # slow to import, and casting rays does not need it
+
     meshes = []
     slots = np.flatnonzero(primitives.kind[room] != GAP)
     for slot in slots:
