@@ -16,9 +16,17 @@ THESIS_METHODS = ("released", "nn-raw", "nn", "xyz_nn")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     options = _parser().parse_args(arguments)
+    hook = sys.unraisablehook
     if not options.debug:
         # Threads that write checkpoints go on to complain for themselves about an error that is told below.
         sys.unraisablehook = lambda _: None
+    try:
+        return _run(options)
+    finally:
+        sys.unraisablehook = hook
+
+
+def _run(options: argparse.Namespace) -> int:
     try:
         options.run(options)
     except KeyboardInterrupt:

@@ -101,6 +101,7 @@ def box_as_json(box: Box, scenario: str) -> dict[str, Any]:
     """A box under the names of the report contract: metres, world frame, rotation a yaw in degrees."""
     return {
         "object_type": box.object_type,
+        "shape": box.shape,
         "mismatch_type": scenario.split("_")[1],
         "center": [round(float(value), 6) for value in box.center],
         "dimensions": [round(float(value), 6) for value in box.dimensions],

@@ -15,9 +15,6 @@ from jaxmm.batches import Batch, Sampler
 from jaxmm.config import TRAINED_METHODS, Config
 from jaxmm.train import Model, TrainState, Validation, init_all, train_step_all, validate_all
 
-# Orbax logs the traceback of an error before it raises that error.
-logging.getLogger("absl").setLevel(logging.CRITICAL)
-
 Record = dict[str, Any]  # one validation, as a line of metrics.jsonl
 
 
@@ -46,6 +43,8 @@ def fit(
         The best weights of each model, stacked, and one record per validation:
         {"method", "step", "train_loss", "validation_loss", "validation_precision", "validation_recall"}, lists over S.
     """
+    # Orbax logs the traceback of an error before it raises that error, and whoever catches it tells of it again.
+    logging.getLogger("absl").setLevel(logging.CRITICAL)
     key = jax.random.fold_in(jax.random.key(config.seed), list(TRAINED_METHODS).index(sampler.method))
     states = init_all(key, TRAINED_METHODS[sampler.method], config, len(sampler.clouds))
     size = len(sampler.clouds)

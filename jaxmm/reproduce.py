@@ -61,10 +61,13 @@ def _train(config: Config, folder: Path, what: tuple) -> tuple[Model, list[Recor
     sampler = Sampler(training, method, settings.labels, *shape, copies, config.seed)
     held_out = validation_batch(validation, method, settings.labels, settings.points_per_cloud)
     with _bar(f"train {method}: four models, one step", settings.step_count, "step") as bar:
-        written = 0
+        written = None
 
         def report(step: int, records: list[Record]) -> None:
             nonlocal written
+            if written is None:  # steps of an earlier process took none of this one's time
+                bar.initial, written = step, len(records)
+                bar.reset()
             bar.update(step - bar.n)
             if len(records) > written:
                 written = len(records)

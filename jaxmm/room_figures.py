@@ -79,7 +79,7 @@ def room_report(cloud: ScoredCloud, path: Path | str, title: str = "", threshold
     _check(cloud)
     figure = Figure((13.0, 9.0))
     _draw_heatmap(figure, (0.0, 0.4, 0.43, 0.52), cloud, threshold)
-    _draw_outcomes(figure, (0.55, 0.4, 0.43, 0.52), cloud, threshold)
+    _draw_outcomes(figure, (0.535, 0.4, 0.43, 0.52), cloud, threshold)
     for left, draw in ((0.06, _draw_histogram), (0.39, _draw_precision_recall), (0.72, _draw_roc)):
         axes = figure.add_axes((left, 0.07, 0.265, 0.265))
         draw(axes, cloud, **({"threshold": threshold} if draw is _draw_histogram else {}))

@@ -177,7 +177,7 @@ def test_outliers_are_the_points_that_stand_alone():
 
 @pytest.mark.parametrize("neighbours, std", [(20, 2.0), (5, 1.0), (50, 0.5)])
 def test_outliers_agree_with_open3d(neighbours, std):
-    open3d = pytest.importorskip("open3d", reason="the witness, Open3D, is not installed")
+    open3d = pytest.importorskip("open3d", reason="the witness, Open3D, is not installed", exc_type=ImportError)
     points = np.random.default_rng(4).normal(size=(1500, 3))
     witness = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     _, kept = witness.remove_statistical_outlier(neighbours, std)
