@@ -3,6 +3,7 @@
 import argparse
 import sys
 import traceback
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -17,11 +18,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     options = _parser().parse_args(arguments)
     hook = sys.unraisablehook
-    if not options.debug:
-        # Threads that write checkpoints go on to complain for themselves about an error that is told below.
-        sys.unraisablehook = lambda _: None
     try:
-        return _run(options)
+        with warnings.catch_warnings():
+            if not options.debug:
+                # Threads that write checkpoints go on to complain for themselves about an error that is told below.
+                sys.unraisablehook = lambda _: None
+                warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
+            return _run(options)
     finally:
         sys.unraisablehook = hook
 

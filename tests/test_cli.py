@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import pickle
-import resource
 import shutil
 import signal
 import subprocess
@@ -128,7 +127,7 @@ def test_evaluate_makes_rows_of_a_finished_run(a_run, capsys):
     assert cli.main(["evaluate", str(a_run), "--rows", "wall_added:clean", "--rooms", "1"]) == 0
     out = capsys.readouterr().out
     rows = json.loads((a_run / "evaluations" / "1_rooms" / "table_1.json").read_text())["rows"]
-    assert len(rows) == 6 and {row["test_case"] for row in rows} == {"Wall Added"} and "Wall Added" in out
+    assert len(rows) == 6 and {row["test_case"] for row in rows} == {"Wall Added"} and "wall added" in out
     assert (a_run / "table_1.json").read_bytes() == before
     assert cli.main(["evaluate", str(a_run)]) == 0
     assert (a_run / "table_1.json").read_bytes() == before
@@ -148,7 +147,7 @@ def test_evaluate_refuses_what_is_no_finished_run(a_run, tmp_path, capsys):
     models.write_bytes(models.read_bytes()[:1000])
     refused(capsys, ["evaluate", a_run], models, "not a whole safetensors file")
     models.unlink()
-    refused(capsys, ["evaluate", a_run], models, "found no file")
+    refused(capsys, ["evaluate", a_run], a_run, models.name, "found none")
     (a_run / "config.toml").write_text("x = 1")
     refused(capsys, ["evaluate", a_run], a_run / "config.toml", "unknown x")
     assert not (a_run / "evaluations").exists() and not list(a_run.rglob(".*.tmp"))
@@ -184,8 +183,12 @@ def test_a_full_disk_is_one_line_and_the_next_run_goes_on(a_run, tiny_config, ca
     capsys.readouterr()
 
 
-def command(*arguments, **options):
+def command(*arguments, file_limit=None, **options):
+    """Start a command, whose files may grow to at most so many bytes."""
     line = [sys.executable, "-m", "jaxmm.cli", *map(str, arguments)]
+    if file_limit is not None:
+        limit = "import os, resource, sys; n = int(sys.argv[1]); resource.setrlimit(resource.RLIMIT_FSIZE, (n, n))"
+        line = [sys.executable, "-c", f"{limit}; os.execv(sys.argv[2], sys.argv[2:])", str(file_limit), *line]
     return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
@@ -197,11 +200,7 @@ def test_a_full_disk_in_any_stage_is_one_line_and_leaves_nothing_half_written(a_
         (a_run / name).unlink()
     if stage == "data":
         shutil.rmtree(a_run / "data")
-    limits = (limit, limit)
-    process = command(
-        "train", "--resume", tiny_config, "--out", a_run,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limits),
-    )  # fmt: skip
+    process = command("train", "--resume", tiny_config, "--out", a_run, file_limit=limit)
     _, err = process.communicate(timeout=120)
     lines = err.splitlines()
     assert process.returncode == 1 and lines[-1].startswith("jaxmm train: OSError: "), err

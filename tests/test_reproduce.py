@@ -83,9 +83,12 @@ def test_the_terminal_ends_with_table_folder_and_sentences(finished_run):
     assert tables.as_terminal(tables.read_rows(finished_run)) in said
     lines = said.partition(f"run folder: {finished_run}\n")[2].splitlines()
     sentences = json.loads((finished_run / "sentences.json").read_text())
-    assert len(lines) == min(3, len({item["scenario"] for item in sentences}))
-    for line in lines:
-        assert any(line.endswith(item["sentence"]) for item in sentences)
+    if not sentences:
+        assert lines == ["no model found a box in any test room, so there is no sentence to show"]
+    else:
+        assert len(lines) == min(3, len(sentences))
+        for line in lines:
+            assert any(item["sentence"] in line and item["scenario"] in line for item in sentences)
     stages = (finished_run.parent / "stderr").read_text().splitlines()
     assert all(line.startswith(("scan ", "train ", "score ", "draw ")) for line in stages), stages  # and no chatter
 

@@ -45,7 +45,15 @@ def test_the_file_holds_the_known_figures(data_root, tmp_path, column, method):
         assert set(row) - set(names) == ({"max_probability"} if row["positives"] == 0 else set())
         assert row["by_element"] is None or list(row["by_element"]) == list(METRICS[:4])
         for box in row["boxes"]:
-            assert set(box) == {"object_type", "mismatch_type", "center", "dimensions", "rotation", "probability"}
+            assert set(box) == {
+                "object_type",
+                "shape",
+                "mismatch_type",
+                "center",
+                "dimensions",
+                "rotation",
+                "probability",
+            }
             assert f"{box['object_type']}_{box['mismatch_type']}" == row["scenario"]
     # In units of the thesis: its FPR and IoU of the rows it printed.
     wall = found["synthetic", "wall_removed", "occluded"]
