@@ -18,13 +18,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     options = _parser().parse_args(arguments)
     hook = sys.unraisablehook
+    if not options.debug:
+        # Threads that write checkpoints go on to complain for themselves about an error that is told below, some of
+        # them as the process ends; and a compilation cache that cannot be used costs time only.
+        sys.unraisablehook = lambda _: None
+        warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
+        warnings.filterwarnings("ignore", "Error .* persistent compilation cache", UserWarning)
     try:
-        with warnings.catch_warnings():
-            if not options.debug:
-                # Threads that write checkpoints go on to complain for themselves about an error that is told below.
-                sys.unraisablehook = lambda _: None
-                warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
-            return _run(options)
+        return _run(options)
     finally:
         sys.unraisablehook = hook
 

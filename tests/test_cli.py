@@ -193,14 +193,17 @@ def command(*arguments, file_limit=None, **options):
 
 
 @pytest.mark.parametrize("stage, limit", [("data", 20_000), ("checkpoints/nn", 3_000), ("checkpoints/nn", 9_000)])
-def test_a_full_disk_in_any_stage_is_one_line_and_leaves_nothing_half_written(a_run, tiny_config, stage, limit):
+def test_a_full_disk_in_any_stage_is_one_line_and_leaves_nothing_half_written(
+    a_run, tiny_config, stage, limit, tmp_path
+):
     """The system refuses to let files grow past a limit, which that stage is the first to need."""
     shutil.rmtree(a_run / "checkpoints")
     for name in (runs.MODELS, runs.METRICS):
         (a_run / name).unlink()
     if stage == "data":
         shutil.rmtree(a_run / "data")
-    process = command("train", "--resume", tiny_config, "--out", a_run, file_limit=limit)
+    caches = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "cache")}  # JAX does not write its files whole or not at all
+    process = command("train", "--resume", tiny_config, "--out", a_run, file_limit=limit, env=os.environ | caches)
     _, err = process.communicate(timeout=120)
     lines = err.splitlines()
     assert process.returncode == 1 and lines[-1].startswith("jaxmm train: OSError: "), err
