@@ -8,13 +8,12 @@ before the clock starts, and what it costs to turn its triangle ids into element
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.timing import Timing, machine, measure_in_turns
+from benchmarks.timing import Timing, measure_in_turns, write_report
 from warp_scanner import draws
 from warp_scanner.rooms import RoomConfig, make_rooms
 from warp_scanner.scan import Rays, cast_rays, cast_slots
@@ -152,8 +151,7 @@ def main() -> int:
             f" {row['box_range_difference_max_m']:.1e} m, everything by {row['range_difference_p999_m']:.1e} m (99.9 %)"
         )
     if options.json:
-        result = {"rows": rows, "kernel_first_call_s": start, "machine": machine("open3d", "warp-lang", "numpy")}
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
+        write_report(options.json, rows, "open3d", "warp-lang", "numpy", kernel_first_call_s=start)
     return 0
 
 

@@ -9,6 +9,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from jaxmm.files import write_json
+
 try:
     import jax
 except ImportError:  # only what returns JAX arrays has to be waited for
@@ -18,11 +20,6 @@ except ImportError:  # only what returns JAX arrays has to be waited for
 class Timing(NamedTuple):
     first: float  # [s] includes compilation
     median: float  # [s] of `repeat` later calls
-
-
-def measure(function: Callable[[], Any], repeat: int = 20) -> Timing:
-    """Time `function()`, waiting for asynchronous JAX results."""
-    return measure_in_turns([function], repeat)[0]
 
 
 def measure_in_turns(functions: list[Callable[[], Any]], repeat: int = 20) -> list[Timing]:
@@ -52,3 +49,8 @@ def machine(*packages: str) -> dict[str, Any]:
         "python": platform.python_version(),
         "packages": {name: metadata.version(name) for name in packages},
     }
+
+
+def write_report(path: Path, rows: list[dict[str, Any]], *packages: str, **more: Any) -> None:
+    """Write what was measured as JSON: the rows, the machine, and whatever else a benchmark has to say."""
+    write_json(path, {"rows": rows, **more, "machine": machine(*packages)})

@@ -8,7 +8,6 @@ one model after the other.
 """
 
 import argparse
-import json
 import os
 import sys
 from itertools import pairwise
@@ -17,7 +16,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from benchmarks.timing import machine, measure_in_turns
+from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.batches import Batch
 from jaxmm.config import Config
 from jaxmm.train import init_all, train_step, train_step_all
@@ -151,8 +150,7 @@ def main() -> int:
             f" first call {row['ours_first_call_s']:.2f} s / {row['peer_first_call_s']:.2f} s"
         )
     if options.json:
-        result = {"rows": rows, "machine": machine("jax", "flax", "optax", "torch", "numpy")}
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
+        write_report(options.json, rows, "jax", "flax", "optax", "torch", "numpy")
     return 0
 
 

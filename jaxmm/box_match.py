@@ -1,6 +1,6 @@
-"""Found boxes against true ones: overlap, one-to-one match, precision and recall."""
+"""Found boxes against true ones: overlap and one-to-one match."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,21 +19,6 @@ class Match(NamedTuple):
     truth: int  # index into the true boxes
     overlap: float  # intersection over union of the volumes, in [0, 1]
     distance: float  # [m] of the centers
-
-
-class BoxCounts(NamedTuple):
-    """Boxes of one room and one change."""
-
-    matched: int
-    found: int
-    truth: int
-
-
-class BoxScore(NamedTuple):
-    """Over all boxes of all rooms; nan where nothing was found, or nothing was there."""
-
-    precision: float
-    recall: float
 
 
 def match_boxes(found: Sequence[Box], truth: Sequence[Box]) -> list[Match]:
@@ -59,17 +44,6 @@ def match_boxes(found: Sequence[Box], truth: Sequence[Box]) -> list[Match]:
         for i, j in zip(rows, columns, strict=True)
         if qualifies[i, j]
     ]
-
-
-def count_boxes(found: Sequence[Box], truth: Sequence[Box]) -> BoxCounts:
-    """What one room adds to precision and recall."""
-    return BoxCounts(len(match_boxes(found, truth)), len(found), len(truth))
-
-
-def box_score(counts: Iterable[BoxCounts]) -> BoxScore:
-    """Precision and recall over the boxes of all rooms together: rooms without a found box have no precision alone."""
-    matched, found, truth = np.sum([(0, 0, 0), *counts], axis=0)
-    return BoxScore(matched / found if found else float("nan"), matched / truth if truth else float("nan"))
 
 
 def box_overlap(a: Box, b: Box) -> float:

@@ -3,9 +3,8 @@
 N points. Everything else ends as one InputError: a line that names the file, what was expected and what came.
 """
 
-import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -83,21 +82,6 @@ def read_csv(path: Path | str) -> LabelledPoints:
     return LabelledPoints(points, table[:, 3].astype(np.int32))
 
 
-def read_json(path: Path | str) -> dict[str, Any]:
-    """The object that a JSON file holds.
-
-    Raises:
-        InputError: missing file, no valid JSON, NaN or infinity, or no object at the top.
-    """
-    try:
-        value = json.loads(_read_text(path), parse_constant=_reject_constant)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected JSON with finite numbers: {_one_line(error)}") from error
-    if not isinstance(value, dict):
-        raise InputError(f"{path}: expected a JSON object, got {type(value).__name__}")
-    return value
-
-
 def _read_npy(path: Path | str) -> np.ndarray:
     _check_file(path)
     try:
@@ -152,7 +136,3 @@ def _fits_int32(values: np.ndarray) -> bool:
 
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:200] or type(error).__name__
-
-
-def _reject_constant(name: str) -> float:
-    raise ValueError(f"{name} is no number of JSON")

@@ -40,7 +40,6 @@ class ThesisPair(NamedTuple):
     other: Path
     labels: Path
     elements: Path | None  # CSV of the scored scan with categoryID
-    boxes: Path | None  # JSON of the true boxes
 
 
 class ThesisScan(NamedTuple):
@@ -194,12 +193,7 @@ def _pairs_of(source: str, scenario: str, folder: Path, *, test: bool) -> list[T
         if not other.is_file():
             raise InputError(f"{scored}: expected its partner {other.name} beside it, found none")
         elements = _elements_file(folder / condition, scored, scenario)
-        boxes = next(
-            iter(sorted((folder / condition / "bounding_boxes").glob(f"{room}_{condition}_{side}_scan*.json"))), None
-        )
-        pairs.append(
-            ThesisPair(scenario, source, room, condition, scored, other, _labels_file(scored), elements, boxes)
-        )
+        pairs.append(ThesisPair(scenario, source, room, condition, scored, other, _labels_file(scored), elements))
     return pairs
 
 

@@ -1,11 +1,9 @@
 """Users' files: what is sound comes back exactly, everything else ends in one line that names the file."""
 
-import json
-
 import numpy as np
 import pytest
 
-from jaxmm.inputs import InputError, read_csv, read_json, read_labels, read_points
+from jaxmm.inputs import InputError, read_csv, read_labels, read_points
 
 
 def saved(path, array, **options):
@@ -163,17 +161,4 @@ def test_csv_that_is_none_is_refused(tmp_path, text, word):
 def test_bytes_that_are_no_text_are_refused(tmp_path):
     (tmp_path / "a").write_bytes(b"X;Y;Z;categoryID\n\xff\xfe")
     refuses(read_csv, tmp_path / "a", "UTF-8")
-    refuses(read_json, tmp_path / "a", "UTF-8")
     refuses(read_csv, tmp_path / "none", "nothing there")
-
-
-def test_json_comes_back_as_written(tmp_path):
-    value = {"objects": [{"center": [1.5, -2.0, 3]}], "name": "säule"}
-    (tmp_path / "a.json").write_text(json.dumps(value))
-    assert read_json(tmp_path / "a.json") == value
-
-
-@pytest.mark.parametrize("text", ["", "{", '{"a": NaN}', '{"a": -Infinity}', "[1]", "3", "[" * 100_000])
-def test_json_that_is_none_is_refused(tmp_path, text):
-    (tmp_path / "a.json").write_text(text)
-    refuses(read_json, tmp_path / "a.json", "JSON")

@@ -63,7 +63,7 @@ def test_a_pair_is_found_and_read(repository):
         "room_test_1",
         CLEAN,
     )
-    assert "dt_scan" in pair.scored.name and "robot_scan" in pair.other.name and pair.boxes is None
+    assert "dt_scan" in pair.scored.name and "robot_scan" in pair.other.name
     scan = thesis.read_pair(pair)
     assert scan.points.shape == (40, 3) and scan.other.shape == (30, 3) and scan.label.sum() == 10
     np.testing.assert_array_equal(scan.distance > 0, scan.label)
@@ -137,13 +137,10 @@ def test_labels_come_from_the_folder_of_the_same_name(tmp_path):
     (folder / "labels_filtered").rename(folder / "labels_npy_filtered")
     write_scan(folder, "room_test_1_occluded_robot_scan_wall_added_x", None, np.ones(3), "_no_augmented")
     write_csv(folder / "preprocessed_csv_files" / "room_test_1_occluded_robot_scan_x.csv", np.ones((3, 3)), [1, 1, 1])
-    boxes = folder / "bounding_boxes" / "room_test_1_occluded_robot_scan_wall_added.json"
-    boxes.parent.mkdir()
-    boxes.write_text("{}")
     (pair,) = thesis.find_pairs(tmp_path)
     assert (pair.source, pair.scenario, pair.condition) == ("atlas", "wall_added", OCCLUDED)
     assert "robot_scan" in pair.scored.name and pair.labels.parent.name == "labels_npy_filtered"
-    assert pair.elements.name == "room_test_1_occluded_robot_scan_x.csv" and pair.boxes == boxes
+    assert pair.elements.name == "room_test_1_occluded_robot_scan_x.csv"
 
 
 def refused(call, *words):
@@ -216,7 +213,6 @@ def test_every_released_test_pair_is_found(data_root, pairs):
     assert found >= synthetic | atlas
     here = [pair for pair in pairs if (pair.source, pair.scenario, pair.condition) in synthetic | atlas]
     assert all(pair.elements is not None for pair in here)
-    assert all((pair.boxes is not None) == (pair.source == "atlas") for pair in here)
     for pair in thesis.find_pairs(data_root / "thesis", "train"):
         assert not pair.room.startswith("room_test")
         thesis.read_pair(pair)
