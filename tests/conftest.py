@@ -62,3 +62,32 @@ def finished_run(tiny_config, tmp_path_factory) -> Path:
     (folder.parent / "stdout").write_text(done.stdout)
     (folder.parent / "stderr").write_text(done.stderr)
     return folder
+
+
+@pytest.fixture
+def said(capsys):
+    """said(*arguments) -> exit code and the lines on standard error of one command, run in this process."""
+    from jaxmm import cli
+
+    def run(*arguments):
+        try:
+            code = cli.main([str(argument) for argument in arguments])
+        except SystemExit as end:
+            code = end.code
+        return code, capsys.readouterr().err.splitlines()
+
+    return run
+
+
+@pytest.fixture
+def refused(said):
+    """refused(arguments, *words): the command ends with one line of error that holds all the words."""
+
+    def check(arguments, *words, code=2):
+        found, lines = said(*arguments)
+        assert found == code and len(lines) == 1, lines
+        assert lines[0].startswith(f"jaxmm {arguments[0]}: ")
+        for word in words:
+            assert str(word) in lines[0], lines[0]
+
+    return check
