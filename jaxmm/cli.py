@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from jaxmm.config import CONDITIONS, SCENARIOS
+from jaxmm.config import CONDITIONS, MOST_ROOMS, SCENARIOS
 from jaxmm.inputs import InputError
 
 THESIS_METHODS = ("released", "nn-raw", "nn", "xyz_nn")
@@ -132,16 +132,18 @@ def _evaluate(options: argparse.Namespace) -> None:
         raise InputError(f"{options.run_folder}: expected trained models in {runs.MODELS}, found none")
     rows = [_row_name(name) for name in options.rows] or reproduce.EVERY_ROW
     rooms = settings.data.test_rooms if options.rooms is None else options.rooms
-    if rooms < 1:
-        raise InputError(f"--rooms: expected at least 1, got {rooms}")
+    if not 1 <= rooms <= MOST_ROOMS:
+        raise InputError(f"--rooms: expected at least 1 and at most {MOST_ROOMS}, got {rooms}")
     own = rooms == settings.data.test_rooms
     with runs.open_run(options.run_folder, settings):
         models = reproduce.train_stage(settings, options.run_folder)
         folder = options.run_folder if own else options.run_folder / "evaluations" / f"{rooms}_rooms"
         scored = reproduce.evaluate_stage(settings, folder, models, rooms, rows)
         reproduce.write_results(settings, options.run_folder, folder, scored)
-    print(tables.as_terminal(tables.read_rows(folder)))
-    print(f"table: {folder / 'table_1.json'}")
+    asked = {(scenario.replace("_", " "), condition) for scenario, condition in rows}
+    shown = [row for row in tables.read_rows(folder) if (row["test_case"].lower(), row["condition"]) in asked]
+    print(tables.as_terminal(shown))
+    print(f"table of all rows scored so far: {folder / 'table_1.json'}")
 
 
 def _row_name(text: str) -> tuple[str, str]:

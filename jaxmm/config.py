@@ -18,6 +18,9 @@ class ConfigError(InputError):
     """A setting that is unknown, of the wrong type, or out of range; one line that says where."""
 
 
+MOST_ROOMS = 1_000_000  # of one kind; they are held in memory
+
+
 def bounded(default: Any, low: float = -math.inf, high: float = math.inf) -> Any:
     """A field whose numbers must lie within [low, high]."""
     return dataclasses.field(default=default, metadata={"low": low, "high": high})
@@ -32,10 +35,11 @@ def one_of(default: str, *choices: str) -> Any:
 class DataConfig:
     """How many rooms, from which seeds. Each scenario has its own count of rooms, each room clean and occluded."""
 
-    train_rooms: int = bounded(96, 1)
-    validation_rooms: int = bounded(24, 1)
-    test_rooms: int = bounded(100, 1)
-    unchanged_rooms: int = bounded(24, 0)  # training rooms without a mismatch, for every model; a quarter to validate
+    train_rooms: int = bounded(96, 1, MOST_ROOMS)
+    validation_rooms: int = bounded(24, 1, MOST_ROOMS)
+    test_rooms: int = bounded(100, 1, MOST_ROOMS)
+    # Rooms without a mismatch to train every model with; a quarter of as many to validate.
+    unchanged_rooms: int = bounded(24, 0, MOST_ROOMS)
     train_seed: int = bounded(1, 0, 2**63 - 1)
     validation_seed: int = bounded(2, 0, 2**63 - 1)
     test_seed: int = bounded(3, 0, 2**63 - 1)

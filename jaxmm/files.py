@@ -2,6 +2,7 @@
 
 import json
 import os
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,15 @@ from jaxmm.inputs import InputError
 def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
     """Let `write` fill a temporary file beside `path`, then rename it: readers see the old file or the new one.
 
+    A link is followed, and what it points to is replaced.
+
     Raises:
+        InputError: `path` is a folder or a device.
         OSError: it cannot be written; the error names `path`, which stays as it was.
     """
+    path = path.resolve()
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: expected a file to write to, found a {'folder' if path.is_dir() else 'device'}")
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.tmp")
     try:
@@ -74,6 +81,22 @@ def load_arrays(path: Path) -> dict[str, np.ndarray]:
             return {name: arrays[name] for name in arrays.files}
     except Exception as error:  # a damaged archive raises almost anything
         raise InputError(f"{path}: expected a file that a run wrote, found it missing or damaged; {REMEDY}") from error
+
+
+def check_writable(path: Path, option: str) -> None:
+    """Refuse an output file that could not be written, before the work for it is done.
+
+    Raises:
+        InputError: its folder is missing or read-only, or it is a folder or a device itself.
+    """
+    target = path.resolve()
+    if not target.parent.is_dir() or (target.exists() and not target.is_file()):
+        raise InputError(f"{option}: expected a file in an existing folder, got {path}")
+    try:
+        with tempfile.TemporaryFile(dir=target.parent):
+            pass
+    except OSError as error:
+        raise InputError(f"{option}: cannot write to {target.parent}: {error.strerror}") from error
 
 
 REMEDY = "delete it, and the same command makes it again"

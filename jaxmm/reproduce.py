@@ -1,6 +1,5 @@
 """The main job in stages, each of which picks up where a killed run left off: data, training, evaluation, tables."""
 
-import json
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -100,10 +99,23 @@ def evaluate_stage(
     """Score the test rooms of some rows, and return those of all rows in the folder; none is made twice."""
     for scenario, condition in rows:
         path = folder / "rooms" / f"{scenario}_{condition}.json"
-        if not path.exists():
+        if not path.exists() or _lacks_example(config, path):
             source = CloudSource(scenario, scenario, condition, config.data.test_seed)
             write_json(path, list(_score_rooms(config, folder, models, source, room_count)))
     return _all_scores(folder, room_count)
+
+
+def _lacks_example(config: Config, path: Path) -> bool:
+    """Whether a row is scored, but the room that figures show of it is gone."""
+    shown = any(room["positives"]["true"] >= config.evaluate.least_positives for room in _load_rooms(path))
+    return shown and not path.with_suffix(".npz").exists()
+
+
+def _load_rooms(path: Path) -> list[dict[str, Any]]:
+    rooms = load_json(path)
+    if not isinstance(rooms, list) or not all(isinstance(room, dict) and "positives" in room for room in rooms):
+        raise InputError(f"{path}: expected the scores of rooms; {REMEDY}")
+    return rooms
 
 
 def _all_scores(folder: Path, room_count: int) -> Scores:
@@ -112,7 +124,7 @@ def _all_scores(folder: Path, room_count: int) -> Scores:
     for scenario, condition in EVERY_ROW:
         path = folder / "rooms" / f"{scenario}_{condition}.json"
         if path.exists():
-            scored[scenario, condition] = rooms = load_json(path)
+            scored[scenario, condition] = rooms = _load_rooms(path)
             if len(rooms) != room_count:
                 raise InputError(f"{path}: expected {room_count} rooms, found {len(rooms)}; {REMEDY}")
     return scored
@@ -169,7 +181,7 @@ def _sentences(rooms: Scores, method: str) -> list[dict[str, Any]]:
 
 def figure_stage(config: Config, folder: Path) -> None:
     """Draw training curves of each method, and for each row one test room as each method sees it."""
-    records = [json.loads(line) for line in (folder / runs.METRICS).read_text().splitlines()]
+    records = runs.read_records(folder)
     for method in config.train.methods:
         curves = figures.curves_from_records(records, method, SCENARIOS)
         figures.loss_curves(curves, folder / "figures" / f"loss_{method}.png", f"{method}: focal loss")
@@ -181,7 +193,8 @@ def figure_stage(config: Config, folder: Path) -> None:
         for method in config.train.methods:
             columns = (arrays["points"], arrays[f"score {method}"], arrays["label"])
             cloud = room_figures.ScoredCloud(*(column[scored] for column in columns))
-            title = f"{method} · {path.stem.replace('_', ' ')} · test room {int(arrays['room'])}, true labels"
+            side = "DT scan" if "removed" in path.stem else "robot scan"
+            title = f"{method} · {path.stem.replace('_', ' ')} · {side} of test room {int(arrays['room'])}, true labels"
             target = folder / "figures" / f"{path.stem}_{method}.png"
             room_figures.room_report(cloud, target, title, config.evaluate.threshold)
 

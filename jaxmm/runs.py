@@ -87,7 +87,9 @@ def _check_versions(folder: Path) -> None:
     begun, now = load_json(folder / VERSIONS), versions()
     other = [name for name in now if name != "git_commit" and begun.get(name) != now[name]]
     if other:
-        raise InputError(f"{folder}: holds a run made with other {', '.join(other)}; choose another --out or remove it")
+        raise InputError(
+            f"{folder}: holds a run made with other {', '.join(other)} ({VERSIONS}); go back to them or start anew"
+        )
 
 
 def read_config(folder: Path) -> Config:
@@ -149,6 +151,20 @@ def _git_commit() -> str | None:
 def write_records(folder: Path, records: list[dict[str, Any]]) -> None:
     """Write metrics.jsonl: one line per validation of each method."""
     write_text(folder / METRICS, "".join(json.dumps(record, allow_nan=False) + "\n" for record in records))
+
+
+def read_records(folder: Path) -> list[dict[str, Any]]:
+    """What `write_records` wrote.
+
+    Raises:
+        InputError: the file is missing or damaged; it is written with the models.
+    """
+    path = folder / METRICS
+    try:
+        return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    except (OSError, ValueError) as error:
+        remedy = f"delete {MODELS}, and the same command makes both again"
+        raise InputError(f"{path}: expected records of the training, found none or damaged ones; {remedy}") from error
 
 
 def save_models(path: Path, models: dict[str, Model], config: Config) -> None:

@@ -3,6 +3,7 @@
 import csv
 import io
 import itertools
+import math
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -170,8 +171,12 @@ def _full_table(rows: list[Row]) -> Iterator[str]:
 def _measured(row: Row | None, metric: str) -> str:
     if row is None or row[metric] is None:
         return "-"
-    interval = row["ci95"][metric]
-    return _number(row[metric]) + (f" {interval[0]:.3f}-{interval[1]:.3f}" if interval else "")
+    if row["ci95"][metric] is None:
+        return _number(row[metric])
+    # Rounded outwards, so that what is printed of an interval holds the value printed beside it.
+    low, high = row["ci95"][metric]
+    low, high = math.floor(low * 1000 + 1e-6) / 1000, math.ceil(high * 1000 - 1e-6) / 1000
+    return f"{_number(row[metric])} {low + 0.0:.3f}-{high + 0.0:.3f}"
 
 
 def _number(value: float | None) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxmm.batches import features_of
 from jaxmm.config import SCENARIOS, Config, NetworkConfig
 from jaxmm.evaluate import CONTROL, box_as_json, find_boxes, pick_model, predict
-from jaxmm.files import write_json
+from jaxmm.files import check_writable, write_json
 from jaxmm.inputs import InputError
 from jaxmm.network import from_torch
 from jaxmm.runs import load_models, versions
@@ -38,8 +38,7 @@ def score_repository(root: Path, method: str, weights: Path | None, model: Path 
     if trained != (model is not None):
         wish = "expected a run folder or .safetensors file" if trained else "only for our trained methods"
         raise InputError(f"--model: {wish}, with --method {method}")
-    if not out.absolute().parent.is_dir() or out.is_dir():
-        raise InputError(f"--out: expected a file in an existing folder, got {out}")
+    check_writable(out, "--out")
     pairs = find_pairs(root)
     scorers = _scorers(method, weights or root, model, {pair.scenario for pair in pairs})
     rows = []

@@ -122,7 +122,7 @@ def test_evaluate_refuses_what_is_no_finished_run(a_run, tmp_path, refused):
     refused(["evaluate", a_run / "config.toml"], "config.toml", "expected a run folder")
     refused(["evaluate", a_run, "--rows", "wall_added"], "--rows", "wall_added:clean"[:10], "'wall_added'")
     refused(["evaluate", a_run, "--rows", "wall_added:dark"], "--rows", "occluded", "'wall_added:dark'")
-    refused(["evaluate", a_run, "--rooms", "0"], "--rooms", "at least 1, got 0")
+    refused(["evaluate", a_run, "--rooms", "0"], "--rooms", "at least 1", "got 0")
     models = a_run / runs.MODELS
     models.write_bytes(models.read_bytes()[:1000])
     refused(["evaluate", a_run], models, "not a whole safetensors file")

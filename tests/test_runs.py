@@ -5,6 +5,7 @@ import errno
 import json
 import os
 import resource
+import stat
 import subprocess
 import sys
 
@@ -52,6 +53,29 @@ def test_a_writer_that_fails_midway_leaves_the_old_file_and_no_other(tmp_path, e
     assert names(path.parent) == ([path.name] if old else []) and (old is None or path.read_text() == old)
     if isinstance(error, OSError):
         assert str(path) in str(caught.value) and caught.value.errno == errno.ENOSPC
+
+
+def test_a_link_is_followed_and_a_device_or_folder_is_refused(tmp_path):
+    real, link, pipe = tmp_path / "real.json", tmp_path / "link.json", tmp_path / "pipe"
+    real.write_text("old")
+    link.symlink_to(real)
+    files.write_text(link, "new")
+    assert link.is_symlink() and real.read_text() == "new"
+    os.mkfifo(pipe)
+    for path in (pipe, tmp_path):
+        with pytest.raises(InputError, match="expected a file to write to"):
+            files.write_text(path, "new")
+        with pytest.raises(InputError, match="--out: expected a file"):
+            files.check_writable(path, "--out")
+    assert stat.S_ISFIFO(pipe.stat().st_mode) and names(tmp_path) == ["link.json", "pipe", "real.json"]
+
+
+@pytest.mark.parametrize("content", [None, '{"step": 1', "[1,2"])
+def test_damaged_records_are_named_with_what_to_do(tmp_path, content):
+    if content is not None:
+        (tmp_path / runs.METRICS).write_text(content)
+    with pytest.raises(InputError, match=rf"{runs.METRICS}: .*delete {runs.MODELS}"):
+        runs.read_records(tmp_path)
 
 
 def test_json_refuses_nan_and_keeps_the_old_file(tmp_path):
@@ -234,7 +258,7 @@ def test_a_run_that_other_code_began_is_refused(tmp_path, name):
     with runs.open_run(tmp_path / "run", Config()):  # prose may change between a kill and the next start
         pass
     path.write_text(json.dumps(stored | {name: "another"}))
-    with pytest.raises(InputError, match=f"other {name};"), runs.open_run(tmp_path / "run", Config()):
+    with pytest.raises(InputError, match=rf"other {name} \("), runs.open_run(tmp_path / "run", Config()):
         pass
 
 

@@ -161,7 +161,10 @@ def assert_markdown_agrees(text, rows):
             lines = short[row["label_kind"], metric].split("Every column:")[0].splitlines()
             (line,) = [line for line in lines if line.startswith(f"| {case} |")]
             low, high = row["ci95"][metric]
-            assert cells_of(line)[3 + METHODS.index(row["method"])] == f"{row[metric]:.4f} {low:.3f}-{high:.3f}"
+            value, ends = cells_of(line)[3 + METHODS.index(row["method"])].split(" ")
+            shown_low, shown_high = map(float, ends.split("-"))
+            assert value == f"{row[metric]:.4f}"
+            assert low - 0.001 < shown_low <= low + 1e-8 and high - 1e-8 <= shown_high < high + 0.001
             assert cells_of(line)[1] == "6/6"
             if row["reported"]:
                 assert cells_of(line)[2] == f"{row['reported'][metric]:.4f}"
