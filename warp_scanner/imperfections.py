@@ -28,7 +28,7 @@ import numpy as np
 from warp_scanner import draws
 from warp_scanner.scan import Scan
 
-_RAYS_AT_ONCE = 2**20  # bounds the memory of the draws
+_RAYS_AT_ONCE = 2**17  # bounds the memory of the draws and keeps them in the cache
 
 
 @dataclasses.dataclass(frozen=True)
