@@ -57,6 +57,20 @@ def test_plane_at_a_known_angle_keeps_its_digits(degrees):
     np.testing.assert_allclose(np.degrees(incidence), [[degrees]], atol=2e-5)
 
 
+def test_angles_agree_with_the_library_in_double_precision():
+    """Over the whole quarter turn, more rays than one packet holds and no multiple of it."""
+    angle = np.linspace(0, np.pi / 2, 100_001)
+    rays = Rays(np.zeros((1, 3)), np.stack([np.sin(angle), 0 * angle, -np.cos(angle)], axis=-1))
+    normals = np.broadcast_to(np.float32([0, 0, 1]), (1, len(angle), 3))
+    np.testing.assert_allclose(incidence_of(normals, rays)[0], angle, atol=2.5e-7)
+
+
+def test_a_surface_without_a_normal_has_no_incidence():
+    rays = Rays(np.zeros((1, 3)), np.eye(3))
+    normals = np.float32([[[0, 0, 0], [np.nan, 0, 1], [0, 0, 2]]])
+    np.testing.assert_array_equal(np.isnan(incidence_of(normals, rays)), [[True, True, False]])
+
+
 def test_misses_have_no_incidence_and_send_nothing_back():
     rays = Rays(np.array([[-5.0, 0, 0]]), np.array([[1.0, 0, 0], [0, 1, 0]]))
     slot, distance, normals, incidence = seen(one_solid(BOX, [1, 1, 1]), rays)

@@ -1,4 +1,15 @@
-"""Sensors described in TOML files: every key and value is checked, and an error is one line that names file and key."""
+"""Sensors described in TOML files: every key and value is checked, and an error is one line that names file and key.
+
+kind = "spinning"              # or "pinhole", with width, height, horizontal_fov, vertical_fov
+azimuth_steps = 2048
+channels = 32                  # or elevations = [...], in degrees and falling
+elevation_range = [-22.5, 22.5]
+range_limits = [0.3, 90]
+[imperfections]
+noise = 0.01
+[imperfections.class_dropout]
+door = 0.05                    # by the name or the number of a semantic class
+"""
 
 import dataclasses
 import tomllib

@@ -53,7 +53,8 @@ def normals_of(primitives: Primitives, slot: np.ndarray, distance: np.ndarray, r
     origin, direction, rotation = _as_arrays(rays, slot.shape)
     normal = np.full((*slot.shape, 3), np.nan, np.float32)
     solids = [(primitives.kind, wp.uint8), (primitives.center, wp.vec3), (primitives.half_size, wp.vec3)]
-    hits = [(primitives.yaw, wp.float32), (slot, wp.int32), (distance, wp.float32)]
+    turn = np.stack([np.cos(primitives.yaw), np.sin(primitives.yaw)], axis=-1)
+    hits = [(turn, wp.vec2), (slot, wp.int32), (distance, wp.float32)]
     lines = [(origin, wp.vec3), (direction, wp.vec3), (rotation, wp.mat33)]
     _launch(surface_kernels.primitive_normals, slot.shape, [*solids, *hits, *lines, (normal, wp.vec3)])
     return normal
@@ -140,10 +141,11 @@ def _launch(kernel: wp.Kernel, shape: tuple[int, int], arrays: list[tuple[np.nda
     with _loading:  # threads must not compile at the same time
         start_quietly()
         wp.load_module(surface_kernels, device="cpu")
-    trailing = {wp.vec3: 1, wp.mat33: 2}
+    trailing = {wp.vec2: 1, wp.vec3: 1, wp.mat33: 2}
     stored = {wp.int32: np.int32, wp.uint8: np.uint8}
     shared = []
     for array, dtype in arrays:
         array = np.ascontiguousarray(array, stored.get(dtype, np.float32))
         shared.append(wp.array(array, dtype=dtype, ndim=array.ndim - trailing.get(dtype, 0), device="cpu", copy=False))
-    wp.launch(kernel, dim=shape, inputs=shared, device="cpu")
+    packets = (shape[0], -(-shape[1] // surface_kernels.PACKET))
+    wp.launch(kernel, dim=packets, inputs=shared, device="cpu")

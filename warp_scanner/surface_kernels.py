@@ -1,10 +1,17 @@
-"""Device code for what rays meet: normals of primitives, and the angle at which they are hit. Lengths in metres."""
+"""Device code for what rays meet: normals of primitives, and the angle at which they are hit. Lengths in metres.
+
+One thread takes a packet of consecutive rays of a room, so that what they share is fetched once and the loop over them
+can become vector instructions.
+"""
 
 import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
+PACKET = 256  # rays of a packet
+PACKET_SIZE = wp.constant(PACKET)
 BOX_KIND = wp.constant(1)
+RIGHT_ANGLE = wp.constant(1.5707963267948966)
 
 
 @wp.func
@@ -34,7 +41,7 @@ def primitive_normals(
     kind: wp.array2d[wp.uint8],  # (rooms, slots)
     center: wp.array2d[wp.vec3],
     half_size: wp.array2d[wp.vec3],
-    yaw: wp.array2d[float],
+    turn: wp.array2d[wp.vec2],  # cosine and sine of the yaw
     slot: wp.array2d[int],  # (rooms, rays) which primitive was hit, -1 none
     distance: wp.array2d[float],
     origin: wp.array2d[wp.vec3],  # (rooms, 1 or rays)
@@ -42,25 +49,42 @@ def primitive_normals(
     rotation: wp.array[wp.mat33],  # (1 or rooms,)
     normal: wp.array2d[wp.vec3],  # out (rooms, rays) world, against the ray; NaN where nothing was hit
 ):
-    room, ray = wp.tid()
-    hit = slot[room, ray]
-    if hit < 0:
-        normal[room, ray] = wp.vec3(wp.nan, wp.nan, wp.nan)
-        return
-    turn = rotation[room % rotation.shape[0]]
-    toward = turn * direction[room % direction.shape[0], ray]
-    world = origin[room, ray % origin.shape[1]] + distance[room, ray] * toward - center[room, hit]
-    cosine = wp.cos(yaw[room, hit])
-    sine = wp.sin(yaw[room, hit])
-    point = wp.vec3(cosine * world[0] + sine * world[1], cosine * world[1] - sine * world[0], world[2])
-    own = wp.vec3()
-    if int(kind[room, hit]) == BOX_KIND:
-        own = box_normal(point, half_size[room, hit])
-    else:
-        own = cylinder_normal(point, half_size[room, hit])
-    outward = wp.vec3(cosine * own[0] - sine * own[1], sine * own[0] + cosine * own[1], own[2])
-    # Seen from inside, the surface's other side faces the ray.
-    normal[room, ray] = wp.where(wp.dot(outward, toward) > 0.0, -outward, outward)
+    room, packet = wp.tid()
+    turned = rotation[wp.min(room, rotation.shape[0] - 1)]
+    row = wp.min(room, direction.shape[0] - 1)
+    for ray in range(packet * PACKET_SIZE, wp.min((packet + 1) * PACKET_SIZE, slot.shape[1])):
+        hit = slot[room, ray]
+        if hit < 0:
+            normal[room, ray] = wp.vec3(wp.nan, wp.nan, wp.nan)
+        else:
+            toward = turned * direction[row, ray]
+            world = origin[room, wp.min(ray, origin.shape[1] - 1)] + distance[room, ray] * toward - center[room, hit]
+            cosine = turn[room, hit][0]
+            sine = turn[room, hit][1]
+            point = wp.vec3(cosine * world[0] + sine * world[1], cosine * world[1] - sine * world[0], world[2])
+            own = wp.vec3()
+            if int(kind[room, hit]) == BOX_KIND:
+                own = box_normal(point, half_size[room, hit])
+            else:
+                own = cylinder_normal(point, half_size[room, hit])
+            outward = wp.vec3(cosine * own[0] - sine * own[1], sine * own[0] + cosine * own[1], own[2])
+            # Seen from inside, the surface's other side faces the ray.
+            normal[room, ray] = wp.where(wp.dot(outward, toward) > 0.0, -outward, outward)
+
+
+@wp.func
+def angle_between(along: float, across: float) -> float:
+    """The angle [rad] in [0, pi/2] whose cosine and sine are as `along` to `across`, both at least 0; NaN for 0 to 0.
+
+    The arc cosine would lose half its digits near zero. The arc tangent's polynomial is Abramowitz and Stegun's 4.4.49,
+    wrong by 2e-8 at most: less than float32 rounds, and a fraction of the time of the library's.
+    """
+    x = wp.min(along, across) / wp.max(along, across)
+    s = x * x
+    p = 0.0429096138 + s * (-0.0161657367 + s * 0.0028662257)
+    p = -0.1420889944 + s * (0.1065626393 + s * (-0.0752896400 + s * p))
+    angle = x * (1.0 + s * (-0.3333314528 + s * (0.1999355085 + s * p)))
+    return wp.where(across > along, RIGHT_ANGLE - angle, angle)
 
 
 @wp.kernel
@@ -70,9 +94,11 @@ def angles(
     rotation: wp.array[wp.mat33],  # (1 or rooms,)
     incidence: wp.array2d[float],  # out (rooms, rays) [rad]
 ):
-    room, ray = wp.tid()
-    toward = rotation[room % rotation.shape[0]] * direction[room % direction.shape[0], ray]
-    along = wp.abs(wp.dot(normal[room, ray], toward))
-    # The arc cosine would lose half its digits near zero.
-    across = wp.length(wp.cross(normal[room, ray], toward))
-    incidence[room, ray] = wp.where(along + across > 0.0, wp.atan2(across, along), wp.nan)
+    room, packet = wp.tid()
+    turned = rotation[wp.min(room, rotation.shape[0] - 1)]
+    row = wp.min(room, direction.shape[0] - 1)
+    for ray in range(packet * PACKET_SIZE, wp.min((packet + 1) * PACKET_SIZE, normal.shape[1])):
+        toward = turned * direction[row, ray]
+        along = wp.abs(wp.dot(normal[room, ray], toward))
+        across = wp.length(wp.cross(normal[room, ray], toward))
+        incidence[room, ray] = angle_between(along, across)
