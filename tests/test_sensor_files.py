@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from warp_scanner import scenes, sensor_files
 from warp_scanner.imperfections import Imperfections
 from warp_scanner.sensors import Pinhole, Spinning, sensor_named
 
@@ -104,3 +105,11 @@ def test_unreadable_sensor_files_are_named(tmp_path):
             sensor_named(name)
     with pytest.raises(ValueError, match=r"binary\.toml: cannot read the sensor: not UTF-8"):
         sensor_named(tmp_path / "binary.toml")
+
+
+def test_the_example_of_the_documentation_is_one(tmp_path):
+    expected = Spinning(
+        2048, 32, (-22.5, 22.5), range_limits=(0.3, 90.0),
+        imperfections=Imperfections(noise=0.01, class_dropout=((scenes.DOOR, 0.05),)),
+    )  # fmt: skip
+    assert sensor_named(sensor_file(tmp_path, sensor_files.__doc__.partition("\n\n")[2])) == expected
