@@ -40,7 +40,7 @@ COLORS = {
 }
 TITLES = {
     "oak-d-pro": "depth camera, 80° x 55°",
-    "oak-d-pro-small": "the same, every 4th pixel",
+    "oak-d-pro-small": "the same field of view, 320 x 200",
     "velodyne-16": "spinning, 16 channels over 30°",
     "ouster-64": "spinning, 64 channels over 45°",
     "tls": "terrestrial, all but the tripod's cone",
