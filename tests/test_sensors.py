@@ -1,13 +1,22 @@
-"""Directions, rotations, poses and noise of the sensors."""
+"""Directions of the sensors, and what their presets promise."""
+
+import dataclasses
 
 import numpy as np
 import pytest
-from scipy import stats
 
-from warp_scanner import draws
-from warp_scanner.rooms import RoomConfig, make_rooms
-from warp_scanner.scenes import BOX, CEILING, CYLINDER, FLOOR, GAP
-from warp_scanner.sensors import OAK_D_PRO, OAK_D_PRO_SMALL, Pinhole, Standing, add_range_noise, draw_poses, rotation_of
+from warp_scanner.imperfections import Imperfections
+from warp_scanner.sensors import (
+    OAK_D_PRO,
+    OAK_D_PRO_SMALL,
+    OUSTER_64,
+    PRESETS,
+    TLS,
+    VELODYNE_16,
+    Pinhole,
+    Spinning,
+    sensor_named,
+)
 
 
 @pytest.mark.parametrize("sensor", [OAK_D_PRO, OAK_D_PRO_SMALL, Pinhole(1, 1), Pinhole(3, 2, 120.0, 30.0)])
@@ -23,83 +32,84 @@ def test_directions_are_unit_vectors_inside_the_field_of_view(sensor):
     np.testing.assert_allclose(image[[0, -1], :, 2], np.tile([[edge], [-edge]], (1, sensor.width)), atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    "yaw, pitch, vector, expected",
-    [
-        pytest.param(0, 0, [1, 2, 3], [1, 2, 3], id="level and straight ahead changes nothing"),
-        pytest.param(90, 0, [1, 0, 0], [0, 1, 0], id="yaw turns counter-clockwise"),
-        pytest.param(0, 90, [1, 0, 0], [0, 0, 1], id="pitch looks up"),
-        pytest.param(90, 90, [0, 0, 1], [0, -1, 0], id="looking up, the top of the sensor leans back"),
-        pytest.param(37, 20, [0, 1, 0], [-np.sin(np.radians(37)), np.cos(np.radians(37)), 0], id="left stays level"),
-    ],
-)
-def test_rotation(yaw, pitch, vector, expected):
-    rotation = rotation_of(np.array([yaw]), np.array([pitch]))[0]
-    np.testing.assert_allclose(rotation @ vector, expected, atol=1e-6)
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
-    assert np.linalg.det(rotation) > 0
+def angles_of(sensor):
+    """Azimuth and elevation [deg] of every ray, (rows, columns)."""
+    x, y, z = sensor.directions().astype(float).T
+    return np.degrees(np.arctan2(y, x)).reshape(sensor.shape), np.degrees(np.arcsin(z)).reshape(sensor.shape)
 
 
-def distance_to_solids(primitives, room, point):
-    """Independent witness, float64, one room at a time: least distance to what is neither floor nor ceiling."""
-    best = np.inf
-    for slot in np.flatnonzero(primitives.kind[room] != GAP):
-        if primitives.semantic[room, slot] in (FLOOR, CEILING):
-            continue
-        half = primitives.half_size[room, slot].astype(float)
-        turn = -float(primitives.yaw[room, slot])
-        x, y, z = (point - primitives.center[room, slot]).astype(float)
-        x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
-        if primitives.kind[room, slot] == CYLINDER:
-            outside = np.array([np.hypot(x, y) - half[0], abs(z) - half[2]])
-        else:
-            assert primitives.kind[room, slot] == BOX
-            outside = np.abs([x, y, z]) - half
-        best = min(best, np.linalg.norm(np.maximum(outside, 0.0)))
-    return best
+@pytest.mark.parametrize("sensor", [VELODYNE_16, OUSTER_64, Spinning(7, elevations=(30.0, 2.0, -5.0))])
+def test_spinning_directions_are_a_grid_of_angles(sensor):
+    directions = sensor.directions()
+    assert directions.shape == (np.prod(sensor.shape), 3) and directions.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-6)
+    azimuth, elevation = angles_of(sensor)
+    np.testing.assert_allclose(elevation, np.broadcast_to(sensor.rows[:, None], sensor.shape), atol=1e-4)
+    columns = 180 - 360 * (np.arange(sensor.shape[1]) + 0.5) / sensor.shape[1]
+    np.testing.assert_allclose(azimuth, np.broadcast_to(columns, sensor.shape), atol=1e-4)
+    # No gap and no double ray where the turn closes.
+    assert sensor.full_turn
+    np.testing.assert_allclose((azimuth[:, -1] - azimuth[:, 0]) % 360, 360 / sensor.shape[1], atol=1e-4)
 
 
-def test_poses_keep_their_distance_from_everything():
-    config = RoomConfig()
-    index = np.arange(150)
-    rooms = make_rooms(config, 5, index)
-    poses, found = draw_poses(rooms, config.size, Standing(height=1.2, gap=0.35), draws.keys(5, index))
-    assert found.mean() > 0.9
-    np.testing.assert_allclose(poses.position[:, 2], -0.3, atol=1e-6)
-    assert min(distance_to_solids(rooms, room, poses.position[room]) for room in np.flatnonzero(found)) >= 0.35
-    assert stats.kstest(poses.yaw / 360 + 0.5, "uniform").pvalue > 1e-3
+def test_a_part_of_a_turn_stays_between_its_edges():
+    sensor = Spinning(90, 4, (-10.0, 10.0), azimuth_range=(-20.0, 70.0))
+    azimuth, _ = angles_of(sensor)
+    np.testing.assert_allclose(azimuth[:, [0, -1]], np.tile([69.5, -19.5], (4, 1)), atol=1e-4)
+    assert not sensor.full_turn and sensor.spacing == (pytest.approx(20 / 3), 1.0)
 
 
-def test_range_noise_has_the_sigma_asked_for_and_nothing_else():
-    distance = np.full((20, 5_000), 4.0, np.float32)
-    distance[:, ::10] = np.inf
-    noisy = add_range_noise(distance, 0.02, seed=1, index=np.arange(20))
-    assert np.array_equal(np.isinf(noisy), np.isinf(distance)) and noisy.dtype == np.float32
-    error = noisy[np.isfinite(distance)] - distance[np.isfinite(distance)]
-    assert stats.kstest(error / 0.02, "norm").pvalue > 1e-3
-    assert abs(np.corrcoef(noisy[:-1, 1:10].ravel(), noisy[1:, 1:10].ravel())[0, 1]) < 4 / np.sqrt(19 * 9)
+@pytest.mark.parametrize("sensor", [Pinhole(80, 50), Pinhole(7, 31, 120.0, 20.0), VELODYNE_16, TLS])
+def test_no_neighbours_are_farther_apart_than_the_spacing(sensor):
+    image = sensor.directions().astype(float).reshape(*sensor.shape, 3)
+    for axis in (0, 1):
+        a, b = np.delete(image, 0, axis), np.delete(image, -1, axis)
+        apart = np.degrees(2 * np.arcsin(np.linalg.norm(a - b, axis=-1) / 2))
+        assert apart.max() <= sensor.spacing[axis] + 1e-4
+        assert apart.max() >= sensor.spacing[axis] * 0.9
 
 
-def test_range_noise_is_a_function_of_the_room_alone():
-    distance = np.ones((4, 100), np.float32)
-    index = np.array([3, 1, 4, 5])
-    whole = add_range_noise(distance, 0.1, seed=2, index=index)
-    np.testing.assert_array_equal(add_range_noise(distance[2:3], 0.1, seed=2, index=index[2:3]), whole[2:3])
-    assert not np.array_equal(add_range_noise(distance, 0.1, seed=3, index=index), whole)
-    np.testing.assert_array_equal(add_range_noise(distance, 0.0, seed=2, index=index), distance)
+def test_presets_are_what_their_makers_say():
+    azimuth, elevation = angles_of(sensor_named("velodyne-16"))
+    np.testing.assert_allclose(np.unique(elevation.round(3)), np.arange(-15, 16, 2))
+    np.testing.assert_allclose(np.diff(azimuth[0]), -0.2, atol=1e-3)
+    assert OUSTER_64.shape == (64, 1024) and np.ptp(OUSTER_64.rows) == 45.0
+    assert OAK_D_PRO.shape == (800, 1280) and OAK_D_PRO_SMALL.shape == (200, 320)
+    assert (OAK_D_PRO.horizontal_fov, OAK_D_PRO.vertical_fov) == (80.0, 55.0)
 
 
-def test_noise_never_turns_a_range_negative():
-    assert np.all(add_range_noise(np.zeros((1, 1_000), np.float32), 0.1, seed=0, index=np.arange(1)) >= 0)
+def test_the_terrestrial_scanner_sees_all_but_the_cone_of_its_tripod():
+    """Whatever lies 60 degrees below the horizon or higher has a ray within the distance that the grid allows."""
+    directions = TLS.directions().reshape(*TLS.shape, 3)
+    rng = np.random.default_rng(0)
+    azimuth, elevation = rng.uniform(-180, 180, 20_000), rng.uniform(-60, 90, 20_000)
+    flat = np.cos(np.radians(elevation))
+    aim = np.stack(
+        [flat * np.cos(np.radians(azimuth)), flat * np.sin(np.radians(azimuth)), np.sin(np.radians(elevation))], axis=-1
+    )
+    row = np.clip(np.round((89.9 - elevation) / 0.2), 0, 749).astype(int)
+    column = np.floor((180 - azimuth) / 0.2).astype(int)
+    apart = 2 * np.arcsin(np.linalg.norm(directions[row, column] - aim, axis=1) / 2)
+    assert np.degrees(apart.max()) < 0.1 * np.sqrt(2) + 1e-3
+    assert np.degrees(np.arcsin(directions[..., 2].min())) > -60
+
+
+@pytest.mark.parametrize("name", ["oak-d-pro", "oak-d-pro-small", "velodyne-16", "ouster-64", "tls"])
+def test_presets_are_ideal_unless_real(name):
+    ideal, real = sensor_named(name), sensor_named(f"{name}-real")
+    assert ideal.imperfections == Imperfections() and real.imperfections.noisy
+    assert dataclasses.replace(real, imperfections=Imperfections()) == ideal
+    assert 0 < ideal.range_limits[0] < 1 and 30 < ideal.range_limits[1] < 200
+    assert len(PRESETS) == 10
+
+
+@pytest.mark.parametrize("distance, limit", [(4.0, 0.02), (7.0, 0.04), (10.0, 0.06)])
+def test_depth_noise_of_the_camera_keeps_to_what_its_maker_states(distance, limit):
+    sigma = sensor_named("oak-d-pro-real").imperfections.sigma(np.array([distance]))
+    assert 0.5 * limit * distance < sigma[0] < limit * distance
 
 
 @pytest.mark.parametrize("settings", [{"width": 0}, {"horizontal_fov": 180.0}, {"vertical_fov": 0.0}])
 def test_rejects_impossible_sensors(settings):
     with pytest.raises(ValueError, match=next(iter(settings)).split("_")[0]):
         Pinhole(**{"width": 4, "height": 3, **settings})
-
-
-@pytest.mark.parametrize("sigma", [-0.1, np.inf, np.nan])
-def test_rejects_impossible_noise(sigma):
-    with pytest.raises(ValueError, match="sigma"):
-        add_range_noise(np.ones((1, 1), np.float32), sigma, seed=0, index=np.arange(1))

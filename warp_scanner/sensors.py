@@ -1,32 +1,61 @@
-"""Sensors: which directions they look in, where they stand, and how their ranges err.
+"""Sensors: which directions they look in, how far they reach, and those known by name.
 
-Sensor frame: x forward, y left, z up. Angles of poses and fields of view are in degrees. R rooms, P pixels.
+Sensor frame: x forward, y left, z up. Angles are in degrees. Rays are row-major from the top left, as one sees them
+looking forward. P rays.
 """
 
 import dataclasses
-from typing import NamedTuple
+from pathlib import Path
 
 import numpy as np
 
-from warp_scanner import draws, footprints
-from warp_scanner.scenes import Primitives
+from warp_scanner import sensor_files
+from warp_scanner.imperfections import Imperfections
+from warp_scanner.imperfections import add_range_noise as add_range_noise  # these were first found here
+from warp_scanner.poses import Pose as Pose
+from warp_scanner.poses import Standing as Standing
+from warp_scanner.poses import draw_poses as draw_poses
+from warp_scanner.poses import rotation_of as rotation_of
+
+ANY_RANGE = (0.0, np.inf)
+RAY_LIMIT = 2**26  # of one scan; beyond it a typing error is likelier than a sensor
 
 
 @dataclasses.dataclass(frozen=True)
 class Pinhole:
-    """A depth camera without distortion; pixels are row-major from the top left, rays go through their centres."""
+    """A depth camera without distortion; rays go through the centres of its pixels."""
 
     width: int
     height: int
     horizontal_fov: float = 80.0  # [deg] between the outer edges of the first and the last column
     vertical_fov: float = 55.0  # [deg]
+    range_limits: tuple[float, float] = ANY_RANGE  # [m] along the ray; both ends are still measured
+    imperfections: Imperfections = Imperfections()
 
     def __post_init__(self):
-        if self.width < 1 or self.height < 1:
-            raise ValueError(f"sensor width and height must be at least 1, got {self.width} x {self.height}")
+        _check_counts(self, "width", "height")
+        _check_range_limits(self.range_limits)
         for name in ("horizontal_fov", "vertical_fov"):
             if not 0.0 < getattr(self, name) < 180.0:
                 raise ValueError(f"sensor {name} must be between 0 and 180 degrees, got {getattr(self, name)}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.height, self.width
+
+    @property
+    def spacing(self) -> tuple[float, float]:
+        """Largest angle [deg] between neighbouring rows and between neighbouring columns: that at the axis."""
+        return tuple(
+            float(np.degrees(2.0 * np.tan(np.radians(fov) / 2) / count))
+            for fov, count in ((self.vertical_fov, self.height), (self.horizontal_fov, self.width))
+        )
+
+    @property
+    def full_turn(self) -> bool:
+        """Whether the last column is next to the first: never."""
+        return False
 
     def directions(self) -> np.ndarray:
         """Unit ray directions (P, 3) float32 in the sensor frame."""
@@ -39,79 +68,144 @@ class Pinhole:
         return (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
 
 
-OAK_D_PRO = Pinhole(1280, 800)
-OAK_D_PRO_SMALL = Pinhole(320, 200)
-
-
-class Pose(NamedTuple):
-    """Where the sensors of R rooms stand and look."""
-
-    position: np.ndarray  # (R, 3) float32 [m] world
-    yaw: np.ndarray  # (R,) float32 [deg] counter-clockwise from world x
-    pitch: np.ndarray  # (R,) float32 [deg] upwards
-
-
-def rotation_of(yaw: np.ndarray, pitch: np.ndarray) -> np.ndarray:
-    """Rotations (R, 3, 3) float32, sensor frame to world: first pitch up, then yaw; both (R,) in degrees."""
-    yaw, pitch = np.radians(np.asarray(yaw, np.float64)), np.radians(np.asarray(pitch, np.float64))
-    cy, sy, cp, sp, zero = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.zeros_like(yaw)
-    rows = [[cy * cp, -sy, -cy * sp], [sy * cp, cy, -sy * sp], [sp, zero, cp]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2).astype(np.float32)
-
-
 @dataclasses.dataclass(frozen=True)
-class Standing:
-    """Where a sensor may stand."""
+class Spinning:
+    """A scanner that turns about z and measures a column of elevations at every step.
 
-    height: float = 1.0  # [m] above the floor
-    gap: float = 0.3  # [m] at least, to anything that stands in the room
-    tries: int = 32  # places drawn before giving up on a room
-
-
-def draw_poses(
-    primitives: Primitives, size: tuple[float, float, float], standing: Standing, key: np.ndarray
-) -> tuple[Pose, np.ndarray]:
-    """Level poses at random free places, looking anywhere.
-
-    Args:
-        primitives: everything that stands in the R rooms.
-        size: (x, y, z) [m] inside of the shell, centred on the origin.
-        standing: height, gap and number of tries.
-        key: (R,) uint64 from draws.keys.
-
-    Returns:
-        The poses, and (R,) bool: False where no free place was found and the pose means nothing.
+    The elevations are given one by one, or as `channels` that are evenly spaced over `elevation_range`, both ends
+    included. A row is an elevation, from the top; columns follow from left to right, as a camera's do.
     """
-    place = [
-        draws.between(
-            key, f"sensor {axis}", (standing.gap - size[axis] / 2, size[axis] / 2 - standing.gap), standing.tries
-        )
-        for axis in (0, 1)
-    ]
-    place = np.stack(place, axis=-1)
-    distance = footprints.point_distance(place, footprints.of_primitives(primitives))
-    # A hair more than the gap, so that it still holds once the place is rounded to float32.
-    free = np.min(distance, axis=2) > standing.gap + 1e-5
-    first = np.argmax(free, axis=1)
-    rooms = np.arange(len(key))
-    height = np.full(len(key), standing.height - size[2] / 2)
-    position = np.column_stack([place[rooms, first], height]).astype(np.float32)
-    yaw = draws.between(key, "sensor yaw", (-180.0, 180.0), 1)[:, 0].astype(np.float32)
-    return Pose(position, yaw, np.zeros_like(yaw)), free[rooms, first]
+
+    azimuth_steps: int  # columns
+    channels: int = 0
+    elevation_range: tuple[float, float] = (0.0, 0.0)  # [deg] lowest and highest channel
+    elevations: tuple[float, ...] = ()  # [deg] falling; instead of the two above
+    azimuth_range: tuple[float, float] = (-180.0, 180.0)  # [deg] right and left edge, counter-clockwise from forward
+    range_limits: tuple[float, float] = ANY_RANGE  # [m] both ends are still measured
+    imperfections: Imperfections = Imperfections()
+
+    def __post_init__(self):
+        if bool(self.elevations) == bool(self.channels):
+            given = f"{self.channels} channels and {len(self.elevations)} elevations"
+            raise ValueError(f"sensor needs either elevations, or at least 1 of channels, got {given}")
+        _check_counts(self, "azimuth_steps", *(() if self.elevations else ("channels",)))
+        _check_range_limits(self.range_limits)
+        low, high = self.elevation_range
+        # Written so that NaN fails too.
+        if not -90.0 <= low <= high <= 90.0 or (low == high) != (self.channels < 2):
+            raise ValueError(f"sensor elevation_range must be (low, high) within -90 and 90 degrees, got {low}, {high}")
+        if not np.all(np.abs(self.elevations) <= 90.0) or not np.all(np.diff(self.elevations) < 0.0):
+            raise ValueError(f"sensor elevations must fall and lie within -90 and 90 degrees, got {self.elevations}")
+        right, left = self.azimuth_range
+        if not -360.0 <= right < left <= 360.0 or left - right > 360.0:
+            raise ValueError(f"sensor azimuth_range must be (right, left) up to 360 degrees apart, got {right}, {left}")
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Elevations [deg] from the top, (rows,) float64."""
+        if self.elevations:
+            return np.array(self.elevations, np.float64)
+        return np.linspace(*self.elevation_range[::-1], self.channels)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.elevations) or self.channels, self.azimuth_steps
+
+    @property
+    def spacing(self) -> tuple[float, float]:
+        """Largest angle [deg] between neighbouring rows and between neighbouring columns."""
+        between_rows = float(-np.diff(self.rows).min()) if self.shape[0] > 1 else 0.0
+        return between_rows, (self.azimuth_range[1] - self.azimuth_range[0]) / self.azimuth_steps
+
+    @property
+    def full_turn(self) -> bool:
+        """Whether the last column is next to the first."""
+        return self.azimuth_range[1] - self.azimuth_range[0] == 360.0
+
+    def directions(self) -> np.ndarray:
+        """Unit ray directions (P, 3) float32 in the sensor frame."""
+        right, left = np.radians(self.azimuth_range)
+        azimuth = left - (left - right) * (np.arange(self.azimuth_steps) + 0.5) / self.azimuth_steps
+        azimuth, elevation = np.meshgrid(azimuth, np.radians(self.rows))
+        level = np.cos(elevation)
+        directions = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+        return directions.reshape(-1, 3).astype(np.float32)
 
 
-def add_range_noise(distance: np.ndarray, sigma: float, seed: int, index: np.ndarray) -> np.ndarray:
-    """Ranges (R, P) float32 with independent Gaussian errors of `sigma` [m]; misses stay misses, none turns negative.
+Sensor = Pinhole | Spinning
 
-    Args:
-        distance: (R, P) float32 [m], inf = no return.
-        sigma: standard deviation [m], at least 0; 0 returns the ranges as they are.
-        seed: of the draws; with `index` (R,) it fixes every error.
-        index: (R,) room numbers.
+
+def _check_counts(sensor: Sensor, *names: str) -> None:
+    for name in names:
+        if getattr(sensor, name) < 1:
+            raise ValueError(f"sensor {name} must be at least 1, got {getattr(sensor, name)}")
+    if sensor.shape[0] * sensor.shape[1] > RAY_LIMIT:
+        raise ValueError(f"sensor must have at most {RAY_LIMIT} rays, got {sensor.shape[0]} x {sensor.shape[1]}")
+
+
+def _check_range_limits(limits: tuple[float, float]) -> None:
+    # Written so that NaN fails too.
+    if not 0.0 <= limits[0] < limits[1]:
+        raise ValueError(f"sensor range_limits must be (low, high) with 0 <= low < high, got {limits}")
+
+
+# Stereo pair of the OAK-D Pro: 80 x 55 degrees, 1280 x 800, 7.5 cm baseline, no depth nearer than 0.2 m (Luxonis,
+# product page), and by its formula none beyond (baseline / 2) / tan(80 degrees / 1280).
+OAK_D_PRO = Pinhole(1280, 800, range_limits=(0.2, 34.4))
+OAK_D_PRO_SMALL = dataclasses.replace(OAK_D_PRO, width=320, height=200)
+# Velodyne VLP-16: 16 channels from -15 to +15 degrees, 0.2 degrees at 10 turns a second, 100 m (data sheet 63-9229);
+# nearer than about half a metre it returns nothing of use.
+VELODYNE_16 = Spinning(1800, 16, (-15.0, 15.0), range_limits=(0.5, 100.0))
+# Ouster OS1-64 of 45 degrees, 1024 columns, 0.3 to 120 m on a surface of 80 % (OS1 data sheet, second generation).
+OUSTER_64 = Spinning(1024, 64, (-22.5, 22.5), range_limits=(0.3, 120.0))
+# A terrestrial scanner as the Faro Focus S70: all round, and over the top from 60 degrees below the horizon on one side
+# to the same on the other (300 degrees; below is the tripod), 0.6 to 70 m. Here one ray every 0.2 degrees, 1.35
+# million; such scanners go down to some 0.01.
+TLS = Spinning(1800, 750, (-59.9, 89.9), range_limits=(0.6, 70.0))
+
+# How the devices err. Numbers of makers where they give them; chances of dropouts and mixtures are our estimates.
+_REAL = {
+    # Disparity wrong by a quarter of a pixel: r^2 / (f b) / 4 with f = 763 pixels and b = 0.075 m. That is 1.7 % at 4 m
+    # and 3.1 % at 7 m, where Luxonis states less than 2 and 4 %.
+    "oak-d-pro": Imperfections(noise_per_square=0.0044, grazing_dropout=0.8, grazing_start=70.0, mixed_chance=0.5),
+    # Up to 3 cm, typical, read as two standard deviations; steps of 2 mm (manual 63-9243).
+    "velodyne-16": Imperfections(
+        noise=0.015, grazing_dropout=0.5, grazing_start=75.0, mixed_chance=0.3, mixed_angle=0.5, quantum=0.002
+    ),
+    # Precision 0.7 cm near by, up to 5 cm far away.
+    "ouster-64": Imperfections(
+        noise=0.007, noise_per_metre=0.0004, grazing_dropout=0.5, grazing_start=75.0,
+        mixed_chance=0.3, mixed_angle=0.5, quantum=0.001,
+    ),
+    # Ranging noise 0.3 mm on bright, about 0.5 mm on darker surfaces at 10 m; mixed pixels are its common flaw.
+    "tls": Imperfections(noise=0.0003, noise_per_metre=0.00002, grazing_dropout=0.3, grazing_start=80.0,
+                         mixed_chance=0.3, mixed_angle=0.5),
+}  # fmt: skip
+_REAL["oak-d-pro-small"] = _REAL["oak-d-pro"]
+PRESETS: dict[str, Sensor] = {
+    "oak-d-pro": OAK_D_PRO,
+    "oak-d-pro-small": OAK_D_PRO_SMALL,
+    "velodyne-16": VELODYNE_16,
+    "ouster-64": OUSTER_64,
+    "tls": TLS,
+}
+PRESETS |= {f"{name}-real": dataclasses.replace(PRESETS[name], imperfections=errors) for name, errors in _REAL.items()}
+
+
+def sensor_named(name: str | Path) -> Sensor:
+    """A sensor by the name of a preset, or by the path of a TOML file.
+
+    A preset is ideal within its range limits; with `-real` behind its name it errs as such devices do. The file says
+    `kind = "pinhole"` or `kind = "spinning"` and any fields of that class; a table `imperfections` holds fields of
+    Imperfections, in it a table `class_dropout` a chance for each class, by its name or number.
+
+    Raises:
+        ValueError: neither a preset nor a readable file; not TOML; an unknown key, or a value of the wrong type or out
+            of range. One line that names the file and the key.
     """
-    if not 0.0 <= sigma < np.inf:
-        raise ValueError(f"sigma must be at least 0 and finite, got {sigma}")
-    if sigma == 0.0:
-        return distance
-    error = draws.normal(draws.keys(seed, index), "range noise", distance.shape[1])
-    return np.maximum(distance + np.float32(sigma) * error, np.float32(0.0))
+    if str(name) in PRESETS:
+        return PRESETS[str(name)]
+    if not Path(name).is_file():
+        raise ValueError(f"{name}: expected a sensor file or one of {', '.join(PRESETS)}")
+    return sensor_files.read(Path(name), {"pinhole": Pinhole, "spinning": Spinning})
