@@ -6,6 +6,7 @@ R rooms, K slots of primitives, P rays per room. World frame: metres, z up.
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -68,7 +69,7 @@ def _cast(
     primitives: Primitives, present: np.ndarray | None, rays: Rays, threads: int | None
 ) -> tuple[Scan, np.ndarray]:
     room_count, slot_count = primitives.kind.shape
-    origin, direction, rotation = _checked(rays, room_count)
+    origin, direction, rotation = checked_rays(rays, room_count)
     present = np.ones((room_count, slot_count), bool) if present is None else np.asarray(present, bool)
     if present.shape != (room_count, slot_count):
         raise ValueError(f"present must be {(room_count, slot_count)}, got {present.shape}")
@@ -81,9 +82,9 @@ def _cast(
         return scan, slot
 
     scene = _prepare(primitives, present & (primitives.kind != GAP))
-    inputs = [scene, _share(origin, wp.vec3), _share(direction, wp.vec3), _share(rotation, wp.mat33)]
-    outputs = [_share(scan.distance, wp.float32), _share(slot, wp.int32)]
-    outputs += [_share(scan.element, wp.int32), _share(scan.semantic, wp.uint8)]
+    inputs = [scene, share(origin, wp.vec3), share(direction, wp.vec3), share(rotation, wp.mat33)]
+    outputs = [share(scan.distance, wp.float32), share(slot, wp.int32)]
+    outputs += [share(scan.element, wp.int32), share(scan.semantic, wp.uint8)]
 
     def launch(first: int) -> None:
         size = min(_PACKETS_PER_LAUNCH, packet_count - first)
@@ -104,31 +105,31 @@ def _cast(
 def _prepare(primitives: Primitives, present: np.ndarray) -> kernels.Scene:
     """The scene as the kernel wants it."""
     shape = present.shape
-    _load_kernels()
+    load_kernels(kernels)
     scene = kernels.Scene()
-    scene.kind = _share(primitives.kind.astype(np.uint8, copy=False), wp.uint8)
-    scene.element = _share(primitives.element.astype(np.int32, copy=False), wp.int32)
-    scene.semantic = _share(primitives.semantic.astype(np.uint8, copy=False), wp.uint8)
+    scene.kind = share(primitives.kind.astype(np.uint8, copy=False), wp.uint8)
+    scene.element = share(primitives.element.astype(np.int32, copy=False), wp.int32)
+    scene.semantic = share(primitives.semantic.astype(np.uint8, copy=False), wp.uint8)
     scene.shape = wp.empty(shape, dtype=kernels.Shape, device="cpu")
     scene.low = wp.empty(shape, dtype=wp.vec3, device="cpu")
     scene.high = wp.empty(shape, dtype=wp.vec3, device="cpu")
     scene.count = wp.empty(shape[0], dtype=int, device="cpu")
     solids = [np.asarray(field, np.float32) for field in (primitives.center, primitives.half_size, primitives.yaw)]
-    shared = [_share(field, dtype) for field, dtype in zip(solids, (wp.vec3, wp.vec3, wp.float32), strict=True)]
+    shared = [share(field, dtype) for field, dtype in zip(solids, (wp.vec3, wp.vec3, wp.float32), strict=True)]
     wp.launch(
-        kernels.prepare_shapes, dim=shape[0], inputs=[_share(present, wp.bool), *shared], outputs=[scene], device="cpu"
+        kernels.prepare_shapes, dim=shape[0], inputs=[share(present, wp.bool), *shared], outputs=[scene], device="cpu"
     )
     return scene
 
 
-def _load_kernels() -> None:
-    """Compile (or fetch) the kernels once, before threads could try to do so at the same time."""
+def load_kernels(module: ModuleType) -> None:
+    """Compile (or fetch) the kernels of a module once, before threads could try to do so at the same time."""
     with _loading:
         start_quietly()
-        wp.load_module(kernels, device="cpu")
+        wp.load_module(module, device="cpu")
 
 
-def _checked(rays: Rays, room_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def checked_rays(rays: Rays, room_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Origins (R, 1|P, 3), directions (1|R, P, 3) and rotations (1|R, 3, 3), float32, once their shapes agree."""
     origin, direction = (np.asarray(array, dtype=np.float32) for array in rays[:2])
     origin = origin[:, None] if origin.ndim == 2 else origin
@@ -148,7 +149,7 @@ def _checked(rays: Rays, room_count: int) -> tuple[np.ndarray, np.ndarray, np.nd
     return origin, direction, rotation
 
 
-def _share(array: np.ndarray, dtype: type) -> wp.array:
+def share(array: np.ndarray, dtype: type) -> wp.array:
     """The array as Warp sees it, in the same memory."""
     array = np.ascontiguousarray(array)
     trailing = {wp.vec3: 1, wp.mat33: 2}.get(dtype, 0)
