@@ -41,6 +41,18 @@ class Pinhole:
 
 OAK_D_PRO = Pinhole(1280, 800)
 OAK_D_PRO_SMALL = Pinhole(320, 200)
+SENSORS = {"oak-d-pro": OAK_D_PRO, "oak-d-pro-small": OAK_D_PRO_SMALL}
+
+
+def find_sensor(name: str) -> Pinhole:
+    """The sensor of that name.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if name not in SENSORS:
+        raise ValueError(f"sensor must be one of {', '.join(SENSORS)}, got {name!r}")
+    return SENSORS[name]
 
 
 class Pose(NamedTuple):
