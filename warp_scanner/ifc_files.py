@@ -45,6 +45,7 @@ def import_ifcopenshell() -> Any:
     try:
         import ifcopenshell
         import ifcopenshell.geom
+        import ifcopenshell.guid
         import ifcopenshell.util.element
         import ifcopenshell.util.placement
         import ifcopenshell.util.unit
