@@ -114,10 +114,15 @@ def draw_positions(
     points = points.astype(np.float32)
     # A hair more than the gap, so that it still holds whoever measures.
     good &= (clearance(scene, points, standing.gap + 1.0) > standing.gap + 1e-4) & inside(building, scene, points)
-    first = _first_free(building.triangles, points.reshape(count, tries, 3), good.reshape(count, tries))
+    up = np.array([[0.0, 0.0, 1.0]], np.float32)
+    covered = np.isfinite(cast_triangles(scene, Rays(points, up)).distance[:, 0])
+    points, good, covered = points.reshape(count, tries, 3), good.reshape(count, tries), covered.reshape(count, tries)
+    # A roof terrace is a floor as well, but only where nothing under a roof is free.
+    first = _first_free(building.triangles, points, good & covered)
+    first = np.where(first < 0, _first_free(building.triangles, points, good & (first < 0)[:, None]), first)
     found = first >= 0
     yaw = draws.between(key, "sensor yaw", (-180.0, 180.0), 1)[:, 0].astype(np.float32)
-    return Pose(points.reshape(count, tries, 3)[np.arange(count), first], yaw, np.zeros_like(yaw)), found
+    return Pose(points[np.arange(count), first], yaw, np.zeros_like(yaw)), found
 
 
 def _first_free(triangles: Triangles, points: np.ndarray, good: np.ndarray) -> np.ndarray:
