@@ -152,9 +152,8 @@ def test_refuses_what_the_building_lacks_and_wrong_settings(hall, tmp_path):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_real_file_yields_pairs(data_root, name):
-    pytest.importorskip("ifcopenshell")
-    building = read_building(data_root / "ifc" / f"{name}.ifc")
+def test_every_real_file_yields_pairs(real_building, name):
+    building = real_building(name)
     scene = prepare(building.triangles)
     for scenario in ("pillar_added", "wall_added", "wall_removed", "pillar_removed"):
         if scenario == "pillar_removed" and not len(removable(building, PILLAR)):
