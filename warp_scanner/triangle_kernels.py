@@ -13,9 +13,11 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 PACKET = 64  # rays of a packet
+PART = 16  # rays that still travel together where the whole packet spreads too far
 COHERENT = 0.6  # greatest extent, along any axis, of the unit directions of a packet that travels together
 
 PACKET_SIZE = wp.constant(PACKET)
+PART_SIZE = wp.constant(PART)
 COHERENT_EXTENT = wp.constant(COHERENT)
 
 
@@ -53,14 +55,14 @@ _EDGES = """
     (
         _EDGES
         + """
-    const float *__restrict dx = ray.data, *__restrict dy = dx + PACKET, *__restrict dz = dy + PACKET;
-    float *__restrict best = nearest.data; int *__restrict face = hit.data;
+    const float *__restrict dx = ray.data + start, *__restrict dy = dx + PACKET, *__restrict dz = dy + PACKET;
+    float *__restrict best = nearest.data + start; int *__restrict face = hit.data + start;
     const float o[3] = {origin[0], origin[1], origin[2]};
     float low[3], high[3], inverse_low[3], inverse_high[3];
     for (int axis = 0; axis < 3; ++axis) {
         const float *d = dx + axis * PACKET;
         float a = d[0], b = d[0];
-        for (int i = 1; i < PACKET; ++i) { a = d[i] < a ? d[i] : a; b = d[i] > b ? d[i] : b; }
+        for (int i = 1; i < count; ++i) { a = d[i] < a ? d[i] : a; b = d[i] > b ? d[i] : b; }
         low[axis] = a; high[axis] = b; inverse_low[axis] = 1.0f / a; inverse_high[axis] = 1.0f / b;
     }
     const wp::Mesh mesh = wp::mesh_get(scene.mesh);
@@ -104,7 +106,7 @@ _EDGES = """
             const Edges e = edges_of(mesh.points.data[corner[0]], mesh.points.data[corner[1]],
                 mesh.points.data[corner[2]], o[0], o[1], o[2]);
             int most = 0;
-            for (int i = 0; i < PACKET; ++i) {
+            for (int i = 0; i < count; ++i) {
                 const float x = dx[i], y = dy[i], z = dz[i];
                 const float a = e.ux * x + e.uy * y + e.uz * z;
                 const float b = e.vx * x + e.vy * y + e.vz * z;
@@ -127,7 +129,13 @@ _EDGES = """
     ).replace("PACKET", str(PACKET))
 )
 def walk_together(
-    scene: TriangleScene, view: int, origin: wp.vec3, ray: wp.array2d[float], nearest: wp.array[float],
+    scene: TriangleScene,
+    view: int,
+    origin: wp.vec3,
+    start: int,
+    count: int,
+    ray: wp.array2d[float],
+    nearest: wp.array[float],
     hit: wp.array[int],
 ): ...  # fmt: skip
 
@@ -197,6 +205,18 @@ def walk_alone(
 ): ...  # fmt: skip
 
 
+@wp.func
+def extent_of(ray: wp.array2d[float], start: int, count: int) -> float:
+    """Greatest extent of some rays' directions along any axis."""
+    low = wp.vec3(2.0, 2.0, 2.0)
+    high = wp.vec3(-2.0, -2.0, -2.0)
+    for i in range(start, start + count):
+        direction = wp.vec3(ray[0, i], ray[1, i], ray[2, i])
+        low = wp.min(low, direction)
+        high = wp.max(high, direction)
+    return wp.max(high - low)
+
+
 @wp.kernel
 def cast_packets(
     first_packet: int,
@@ -222,23 +242,23 @@ def cast_packets(
     turn = rotation[wp.min(view, rotation.shape[0] - 1)]
     direction_view = wp.min(view, ray_direction.shape[0] - 1)
     present_view = wp.min(view, scene.present.shape[0] - 1)
-    low = wp.vec3(2.0, 2.0, 2.0)
-    high = wp.vec3(-2.0, -2.0, -2.0)
     for i in range(PACKET_SIZE):
         direction = turn * ray_direction[direction_view, start + wp.min(i, filled - 1)]
         for axis in range(3):
             ray[axis, i] = direction[axis]
         nearest[i] = wp.inf
         hit[i] = -1
-        low = wp.min(low, direction)
-        high = wp.max(high, direction)
-    extent = wp.max(high - low)
-    if ray_origin.shape[1] == 1 and extent <= COHERENT_EXTENT:
-        walk_together(scene, present_view, ray_origin[view, 0], ray, nearest, hit)
+    shared = ray_origin.shape[1] == 1
+    if shared and extent_of(ray, 0, PACKET_SIZE) <= COHERENT_EXTENT:
+        walk_together(scene, present_view, ray_origin[view, 0], 0, PACKET_SIZE, ray, nearest, hit)
     else:
-        for i in range(filled):
-            origin = ray_origin[view, wp.min(start + i, ray_origin.shape[1] - 1)]
-            walk_alone(scene, present_view, origin, wp.vec3(ray[0, i], ray[1, i], ray[2, i]), i, nearest, hit)
+        for first in range(0, filled, PART_SIZE):
+            if shared and extent_of(ray, first, PART_SIZE) <= COHERENT_EXTENT:
+                walk_together(scene, present_view, ray_origin[view, 0], first, PART_SIZE, ray, nearest, hit)
+            else:
+                for i in range(first, wp.min(first + PART_SIZE, filled)):
+                    origin = ray_origin[view, wp.min(start + i, ray_origin.shape[1] - 1)]
+                    walk_alone(scene, present_view, origin, wp.vec3(ray[0, i], ray[1, i], ray[2, i]), i, nearest, hit)
     for i in range(filled):
         face = hit[i]
         distance[view, start + i] = nearest[i]
