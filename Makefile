@@ -32,6 +32,7 @@ lint: setup
 
 bench: setup-peers
 	$(BIN)/python -m benchmarks.rays
+	$(BIN)/python -m benchmarks.triangles
 	$(BIN)/python -m benchmarks.train
 
 clean:

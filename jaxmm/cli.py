@@ -16,7 +16,7 @@ THESIS_METHODS = ("released", "nn-raw", "nn", "xyz_nn")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    options = _parser().parse_args(arguments)
+    options = _parser().parse_args(_glued(sys.argv[1:] if arguments is None else arguments))
     hook = sys.unraisablehook
     if not options.debug:
         # Threads that write checkpoints go on to complain for themselves about an error that is told below, some of
@@ -28,6 +28,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(options)
     finally:
         sys.unraisablehook = hook
+
+
+def _glued(arguments: Sequence[str]) -> list[str]:
+    """A pose may begin with a minus, which argparse would take for an option."""
+    glued = list(arguments)
+    for place, argument in enumerate(arguments[:-1]):
+        if argument == "--pose" and arguments[place + 1][:2].strip("-.0123456789") == "":
+            glued[place : place + 2] = [f"--pose={arguments[place + 1]}"]
+            break
+    return glued
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -82,6 +92,18 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--weights", type=Path, metavar="DIR", help="released .pth files, default below ROOT")
     command.add_argument("--model", type=Path, metavar="RUN|FILE", help="our models, for nn and xyz_nn")
     command.add_argument("--out", type=Path, required=True, metavar="FILE.json")
+
+    command = _command(commands, "scan", _scan, "jaxmm scan house.ifc --pose 4,-3,1.5,90 --out scan.ply")
+    command.add_argument("scene", type=Path, metavar="SCENE", help="building: .ifc, .obj, .ply, .glb, .gltf or .stl")
+    command.add_argument(
+        "--pose", required=True, metavar="X,Y,Z,YAW[,PITCH]", help="metres in the file's frame, z absolute; degrees"
+    )
+    command.add_argument("--sensor", default="oak-d-pro", metavar="NAME", help="oak-d-pro (default), oak-d-pro-small")
+    command.add_argument("--out", type=Path, required=True, metavar="FILE", help=".ply, .pcd, .e57, .csv or .npz")
+    command.add_argument("--open-doors", action="store_true", help="leave doors out")
+    command.add_argument("--clear-glass", action="store_true", help="let rays pass through the glass of windows")
+    command.add_argument("--y-up", action="store_true", help="y is up in the mesh file")
+    command.add_argument("--unit", type=float, default=1.0, metavar="METRES", help="length of the mesh file's unit")
     return parser
 
 
@@ -90,6 +112,7 @@ ABOUT = {
     "train": "generate the training rooms and train the four models",
     "evaluate": "score held-out rooms with the models of a run",
     "thesis": "score the test pairs of the thesis's public repository",
+    "scan": "scan a building from one place and write the scan",
 }
 
 
@@ -158,6 +181,59 @@ def _thesis(options: argparse.Namespace) -> None:
     from jaxmm import thesis_rows
 
     thesis_rows.score_repository(options.root, options.method, options.weights, options.model, options.out)
+
+
+def _scan(options: argparse.Namespace) -> None:
+    import numpy as np
+
+    from jaxmm import clouds
+    from warp_scanner import building_poses, buildings, sensors
+    from warp_scanner.building_files import read_building
+    from warp_scanner.scan import Rays
+    from warp_scanner.triangles import cast_triangles, prepare
+
+    clouds.check_format(options.out)
+    position, yaw, pitch = _pose(options.pose)
+    try:
+        sensor = sensors.sensor_named(options.sensor)
+        reading = buildings.ReadOptions(
+            glass="transparent" if options.clear_glass else "solid",
+            doors="open" if options.open_doors else "closed",
+            y_up=options.y_up,
+            unit=options.unit,
+        )
+        building = read_building(options.scene, reading)
+        scene = prepare(building.triangles)
+        building_poses.check_position(building, scene, position)
+    except (ValueError, ImportError) as error:
+        raise InputError(str(error)) from error
+    rotation, directions = sensors.rotation_of([yaw], [pitch]), sensor.directions()
+    found = cast_triangles(scene, Rays(np.array([position - building.origin]), directions, rotation))
+    scan = clouds.SensorScan(
+        np.asarray(position), rotation[0], directions, *(field[0] for field in found), building.elements.guid
+    )
+    clouds.write_scan(options.out, scan)
+    for failure in building.failures:
+        print(f"without a shape: {failure.ifc_class} {failure.name!r} ({failure.guid}): {failure.reason}")
+    for note in building.notes:
+        print(f"note: {note}")
+    hits = int(np.isfinite(scan.distance).sum())
+    print(
+        f"{hits} returns of {len(directions)} rays, {len(set(scan.element[scan.element >= 0]))} elements: {options.out}"
+    )
+
+
+def _pose(text: str) -> tuple:
+    """Position (3,) [m], yaw and pitch [deg] of X,Y,Z,YAW[,PITCH]."""
+    import numpy as np
+
+    try:
+        values = np.array([float(value) for value in text.split(",")])
+    except ValueError:
+        values = np.array([np.nan])
+    if len(values) not in (4, 5) or not np.isfinite(values).all() or abs(np.append(values, 0.0)[4]) > 90.0:
+        raise InputError(f"--pose: expected X,Y,Z,YAW[,PITCH], finite, pitch within 90 degrees, got {text!r}")
+    return values[:3], values[3], values[4] if len(values) == 5 else 0.0
 
 
 def _run_folder(options: argparse.Namespace) -> Path:

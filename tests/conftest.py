@@ -1,5 +1,6 @@
 """What several test files share: the folder of real data, and one whole run of the main job at its smallest."""
 
+import functools
 import os
 import subprocess
 import sys
@@ -42,6 +43,15 @@ def data_root() -> Path:
     if not root.is_dir():
         pytest.skip(f"needs real data: JAXMM_DATA names no folder ({root})")
     return root
+
+
+@pytest.fixture(scope="session")
+def real_building(data_root):
+    """real_building(name) -> the building in that file of ifc/, read once for all tests; skips without ifcopenshell."""
+    pytest.importorskip("ifcopenshell")
+    from warp_scanner.building_files import read_building
+
+    return functools.cache(lambda name: read_building(data_root / "ifc" / f"{name}.ifc"))
 
 
 @pytest.fixture(scope="session")

@@ -96,7 +96,7 @@ def make_pairs(config: PairConfig, index: np.ndarray, threads: int | None = None
         # Rooms are shared out first; only a lone part leaves threads for its rays.
         inner = threads if len(starts) == 1 else 1
         parts = list(pool.map(lambda start: _make_pairs(config, index[start : start + size], inner), starts))
-    return _joined(parts)
+    return joined(parts)
 
 
 def points_of(pose: Pose, directions: np.ndarray, distance: np.ndarray) -> np.ndarray:
@@ -135,8 +135,8 @@ def _changed_element(scenes: Scenes, sign: int) -> np.ndarray:
     return np.max(np.where(changed, scenes.primitives.element, -2), axis=1, keepdims=True)
 
 
-def _joined(parts: list[Pairs]) -> Pairs:
-    """The rooms of all parts in one."""
+def joined(parts: list[Pairs]) -> Pairs:
+    """The rooms of all parts in one; they share their directions."""
 
     def join(*values):
         if isinstance(values[0], tuple):
@@ -144,5 +144,5 @@ def _joined(parts: list[Pairs]) -> Pairs:
         return np.concatenate(values)
 
     shared = parts[0].directions
-    joined = join(*(part._replace(directions=np.zeros((0, 3), np.float32)) for part in parts))
-    return joined._replace(directions=shared)
+    rooms = join(*(part._replace(directions=np.zeros((0, 3), np.float32)) for part in parts))
+    return rooms._replace(directions=shared)

@@ -70,7 +70,7 @@ def _cast(
     primitives: Primitives, present: np.ndarray | None, rays: Rays, threads: int | None
 ) -> tuple[Scan, np.ndarray]:
     room_count, slot_count = primitives.kind.shape
-    origin, direction, rotation = _checked(rays, room_count)
+    origin, direction, rotation = checked_rays(rays, room_count)
     present = np.ones((room_count, slot_count), bool) if present is None else np.asarray(present, bool)
     if present.shape != (room_count, slot_count):
         raise ValueError(f"present must be {(room_count, slot_count)}, got {present.shape}")
@@ -137,7 +137,7 @@ def load_kernels(module: ModuleType) -> None:
         wp.load_module(module, device="cpu")
 
 
-def _checked(rays: Rays, room_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def checked_rays(rays: Rays, room_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Origins (R, 1|P, 3), directions (1|R, P, 3) and rotations (1|R, 3, 3), float32, once their shapes agree."""
     origin, direction = (np.asarray(array, dtype=np.float32) for array in rays[:2])
     origin = origin[:, None] if origin.ndim == 2 else origin

@@ -1,0 +1,146 @@
+"""Scan files: one scan, written as a point cloud (PLY, PCD, E57, CSV) or with its misses (NPZ), whole or not at all.
+
+P rays, N of them with a return. World frame: metres, z up. Text and double precision keep national-grid coordinates.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.files import write_arrays, write_atomically, write_text
+from jaxmm.inputs import CSV_COLUMNS, InputError
+
+
+class SensorScan(NamedTuple):
+    """One scan from one place."""
+
+    position: np.ndarray  # (3,) float64 [m] of the sensor, world
+    rotation: np.ndarray  # (3, 3) float64 sensor frame to world
+    directions: np.ndarray  # (P, 3) float32 unit vectors in the sensor frame
+    distance: np.ndarray  # (P,) float32 [m]; inf = no return
+    element: np.ndarray  # (P,) int32; -1 where nothing was hit
+    semantic: np.ndarray  # (P,) uint8; 0 where nothing was hit
+    guid: tuple[str, ...]  # of the elements
+
+
+def local_points(scan: SensorScan) -> np.ndarray:
+    """Returns (N, 3) float64 [m] in the sensor frame."""
+    hit = np.isfinite(scan.distance)
+    return scan.distance[hit, None].astype(np.float64) * scan.directions[hit]
+
+
+def world_points(scan: SensorScan) -> np.ndarray:
+    """Returns (N, 3) float64 [m] in the world frame."""
+    return scan.position + local_points(scan) @ np.asarray(scan.rotation, np.float64).T
+
+
+def check_format(path: Path) -> None:
+    """Refuse a file that `write_scan` could not write.
+
+    Raises:
+        InputError: an unknown ending, or one whose library is not installed.
+    """
+    if path.suffix.lower() not in WRITERS:
+        raise InputError(f"{path}: expected a file ending in {', '.join(WRITERS)}, got {path.suffix or 'no ending'}")
+    try:
+        if path.suffix.lower() == ".pcd":
+            import pypcd4  # noqa: F401
+        if path.suffix.lower() == ".e57":
+            import pye57  # noqa: F401
+    except ImportError as error:
+        raise InputError(f"{path}: needs the extra formats: pip install 'jaxmm[formats]'") from error
+
+
+def write_scan(path: Path, scan: SensorScan) -> None:
+    """Write a scan in the format that the ending of the path names.
+
+    Raises:
+        InputError: an unknown ending, or one whose library is not installed; no return at all.
+        OSError: it cannot be written; the path stays as it was.
+    """
+    check_format(path)
+    if not np.isfinite(scan.distance).any() and path.suffix.lower() != ".npz":
+        raise InputError(f"{path}: the scan has no return to write: every ray missed")
+    WRITERS[path.suffix.lower()](path, scan)
+
+
+def _write_ply(path: Path, scan: SensorScan) -> None:
+    """Binary, with double coordinates: the writers at hand round them to float32."""
+    hit, points = np.isfinite(scan.distance), world_points(scan)
+    fields = [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("element", "<i4"), ("semantic", "u1")]
+    table = np.zeros(len(points), fields)
+    for axis, name in enumerate("xyz"):
+        table[name] = points[:, axis]
+    table["element"], table["semantic"] = scan.element[hit], scan.semantic[hit]
+    kinds = {"<f8": "double", "<i4": "int", "u1": "uchar"}
+    properties = "".join(f"property {kinds[kind]} {name}\n" for name, kind in fields)
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(table)}\n{properties}end_header\n"
+    write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))
+
+
+def _write_pcd(path: Path, scan: SensorScan) -> None:
+    from pypcd4 import PointCloud
+
+    hit, points = np.isfinite(scan.distance), world_points(scan)
+    columns = [*points.T, scan.element[hit], scan.semantic[hit]]
+    cloud = PointCloud.from_points(
+        columns, ("x", "y", "z", "element", "semantic"), (np.float64, np.float64, np.float64, np.int32, np.uint8)
+    )
+    cloud.metadata.viewpoint = tuple(float(value) for value in (*scan.position, *_quaternion(scan.rotation)))
+    write_atomically(path, cloud.save)
+
+
+def _write_e57(path: Path, scan: SensorScan) -> None:
+    """Points in the sensor's frame beside its pose, as the format wants them."""
+    import pye57
+
+    points = local_points(scan)
+
+    def write(temporary: Path) -> None:
+        file = pye57.E57(str(temporary), mode="w")
+        try:
+            file.write_scan_raw(
+                {f"cartesian{axis}": np.ascontiguousarray(points[:, i]) for i, axis in enumerate("XYZ")},
+                rotation=_quaternion(scan.rotation),
+                translation=np.asarray(scan.position, np.float64),
+            )
+        finally:
+            file.close()
+
+    write_atomically(path, write)
+
+
+def _write_csv(path: Path, scan: SensorScan) -> None:
+    """The thesis's layout; categoryID is the element."""
+    hit = np.isfinite(scan.distance)
+    rows = zip(world_points(scan).tolist(), scan.element[hit].tolist(), strict=True)
+    lines = [f"{x:.6f};{y:.6f};{z:.6f};{element}" for (x, y, z), element in rows]
+    write_text(path, "\n".join([";".join(CSV_COLUMNS), *lines]) + "\n")
+
+
+def _write_npz(path: Path, scan: SensorScan) -> None:
+    """Every ray, misses too: distance, element, semantic, direction, origin (of the rays), rotation, guid."""
+    write_arrays(
+        path,
+        {
+            "distance": scan.distance,
+            "element": scan.element,
+            "semantic": scan.semantic,
+            "direction": scan.directions,
+            "origin": np.asarray(scan.position, np.float64),
+            "rotation": np.asarray(scan.rotation, np.float64),
+            "guid": np.array(scan.guid, dtype=np.str_),
+        },
+    )
+
+
+def _quaternion(rotation: np.ndarray) -> np.ndarray:
+    """(4,) float64 w, x, y, z of a rotation matrix."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(np.asarray(rotation, np.float64)).as_quat()
+    return np.array([w, x, y, z])
+
+
+WRITERS = {".ply": _write_ply, ".pcd": _write_pcd, ".e57": _write_e57, ".csv": _write_csv, ".npz": _write_npz}

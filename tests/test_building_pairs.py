@@ -1,0 +1,165 @@
+"""Pairs of scans of a building: true labels, free poses, and the same whatever else is asked for."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from warp_scanner.building_changes import of_element, removable
+from warp_scanner.building_files import read_building
+from warp_scanner.building_pairs import BuildingPairConfig, make_building_pairs
+from warp_scanner.building_poses import draw_positions, element_around
+from warp_scanner.draws import keys
+from warp_scanner.pairs import Pairs, points_of
+from warp_scanner.scan import Rays
+from warp_scanner.scenarios import SCENARIOS
+from warp_scanner.scenes import PILLAR, WALL
+from warp_scanner.sensors import Pinhole, Standing, rotation_of
+from warp_scanner.triangles import cast_triangles, clearance, prepare
+
+SENSOR = Pinhole(96, 60)
+FILES = (
+    "IfcOpenHouse_IFC4",
+    "Schependomlaan_V_L_Constructief",
+    "Schependomlaan_XELLA_Begane_grond",
+    "bimwhale_LargeBuilding",
+    "bimwhale_TallBuilding",
+    "duplex_A",
+    "xbim_House",
+    "xbim_wall_door_column_4x3",
+)
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory):
+    """A hall of 12 x 8 x 3 m, with two columns and a wall that stands free."""
+    parts = {
+        "floor": ([12.4, 8.4, 0.2], [0, 0, -0.1]),
+        "ceiling": ([12.4, 8.4, 0.2], [0, 0, 3.1]),
+        "wall east": ([0.2, 8.4, 3], [6.1, 0, 1.5]),
+        "wall west": ([0.2, 8.4, 3], [-6.1, 0, 1.5]),
+        "wall north": ([12, 0.2, 3], [0, 4.1, 1.5]),
+        "wall south": ([12, 0.2, 3], [0, -4.1, 1.5]),
+        "wall inside": ([3, 0.2, 3], [2, 1, 1.5]),
+        "column a": ([0.5, 0.5, 3], [-2, 0, 1.5]),
+        "column b": ([0.4, 0.6, 3], [3, -2, 1.5]),
+    }
+    scene = trimesh.Scene()
+    for name, (size, center) in parts.items():
+        box = trimesh.creation.box(extents=size).apply_translation(center)
+        scene.add_geometry(box, node_name=name, geom_name=f"geometry {name}")
+    path = tmp_path_factory.mktemp("hall") / "hall.glb"
+    path.write_bytes(scene.export(file_type="glb"))
+    building = read_building(path)
+    # The storey that stands in for those of the file is the bounding box's floor, 0.2 m under the slab's top.
+    return building
+
+
+def pairs_of(building, count=3, **more) -> Pairs:
+    return make_building_pairs(building, BuildingPairConfig(sensor=SENSOR, **more), np.arange(count))
+
+
+@pytest.mark.parametrize("condition", ["clean", "occluded"])
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_labels_are_true(hall, scenario, condition):
+    pairs, own = pairs_of(hall, scenario=scenario, condition=condition), len(hall.elements.guid)
+    removed = scenario.endswith("removed")
+    positive, other = (pairs.changed_dt, pairs.changed_robot) if removed else (pairs.changed_robot, pairs.changed_dt)
+    assert positive.any(axis=1).all() if condition == "clean" else positive.any()
+    assert not other.any()
+    # The prior is the building; only reality holds what is added or stands around.
+    assert pairs.dt.element.max() < own
+    scan = pairs.dt if removed else pairs.robot
+    semantic = WALL if "wall" in scenario else PILLAR
+    assert np.all(scan.semantic[positive] == semantic) and np.all(pairs.box.object_type == semantic)
+    # Positive points lie on the changed object's box, and where the scans agree nothing is testable.
+    points = points_of(pairs.pose, pairs.directions, scan.distance)
+    for room in range(3):
+        turn = rotation_of(pairs.box.yaw[[room]], np.zeros(1))[0]
+        inside = np.abs((points[room, positive[room]] - pairs.box.center[room]) @ turn) - pairs.box.size[room] / 2
+        assert inside.max(initial=-1.0) < 1e-3
+    same = pairs.dt.distance == pairs.robot.distance
+    assert not (pairs.testable_dt & same).any() and not (pairs.testable_robot & same).any()
+    assert np.all((pairs.observable_fraction >= 0) & (pairs.observable_fraction <= 1))
+    furniture = pairs.robot.element > (own if not removed else own - 1)
+    assert furniture.any() == (condition == "occluded")
+
+
+def test_removed_elements_are_the_buildings_own(hall):
+    pairs = pairs_of(hall, count=8, scenario="pillar_removed")
+    found = {hall.elements.name[element] for element in np.unique(pairs.dt.element[pairs.changed_dt])}
+    assert found == {"column a", "column b"}
+    assert not np.isin(pairs.robot.element, np.unique(pairs.dt.element[pairs.changed_dt]))[pairs.changed_dt].any()
+
+
+def test_nothing_changes_in_unchanged_pairs(hall):
+    pairs = pairs_of(hall, scenario="unchanged")
+    for a, b in zip(pairs.dt, pairs.robot, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert not pairs.changed_dt.any() and not pairs.testable_dt.any() and np.isnan(pairs.observable_fraction).all()
+
+
+@pytest.mark.parametrize("copied", [0.0, 1.0])
+def test_added_objects_touch_nothing_and_copies_have_the_size_of_an_original(hall, copied):
+    pairs = pairs_of(hall, count=6, scenario="pillar_added", copied_share=copied)
+    originals = [np.sort(of_element(hall, number).size) for number in removable(hall, PILLAR)]
+    scene = prepare(hall.triangles)
+    for center, size in zip(pairs.box.center, pairs.box.size, strict=True):
+        assert clearance(scene, center[None], 5.0)[0] > min(size[:2]) / 2
+        alike = any(np.allclose(np.sort(size), original, atol=1e-5) for original in originals)
+        assert alike == (copied == 1.0)
+        assert center[2] - size[2] / 2 == pytest.approx(0.0, abs=1e-4) and size[2] == pytest.approx(3.0, abs=1e-4)
+
+
+def test_a_pair_depends_on_nothing_but_its_number_and_conditions_share_the_scene(hall):
+    config = BuildingPairConfig(sensor=SENSOR, scenario="wall_added", range_noise=0.01)
+    many, one = (make_building_pairs(hall, config, np.array(index)) for index in ([4, 2, 0], [2]))
+    np.testing.assert_array_equal(many.robot.distance[1], one.robot.distance[0])
+    np.testing.assert_array_equal(many.pose.position[1], one.pose.position[0])
+    occluded = pairs_of(hall, scenario="wall_added", condition="occluded")
+    clean = pairs_of(hall, scenario="wall_added")
+    np.testing.assert_array_equal(occluded.pose.position, clean.pose.position)
+    np.testing.assert_array_equal(occluded.box.center, clean.box.center)
+    assert np.all(occluded.robot.distance <= clean.robot.distance)
+    empty = make_building_pairs(hall, config, np.zeros(0, int))
+    assert empty.dt.distance.shape == (0, 96 * 60) and empty.box.center.shape == (0, 3)
+
+
+def test_two_hundred_poses_stand_free_inside(hall):
+    scene = prepare(hall.triangles)
+    pose, found = draw_positions(hall, scene, Standing(), keys(0, np.arange(200)))
+    assert found.mean() > 0.95
+    position = pose.position[found]
+    assert np.all(np.abs(position) <= [6, 4, 3]) and np.allclose(position[:, 2], 1.0, atol=1e-4)
+    witness = trimesh.Trimesh(hall.triangles.vertices, hall.triangles.faces, process=False)
+    _, distance, _ = trimesh.proximity.closest_point(witness, position)
+    assert distance.min() >= 0.3
+    assert all(element_around(hall.triangles, point) == -1 for point in position)
+    assert hall.elements.name[element_around(hall.triangles, np.array([-2.0, 0.0, 1.0]))] == "column a"
+
+
+def test_refuses_what_the_building_lacks_and_wrong_settings(hall, tmp_path):
+    path = tmp_path / "floor.glb"
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box(extents=[9, 9, 0.2]), node_name="floor")
+    path.write_bytes(scene.export(file_type="glb"))
+    with pytest.raises(ValueError, match="needs a building with one of those"):
+        pairs_of(read_building(path), scenario="wall_removed")
+    with pytest.raises(ValueError, match="index must be"):
+        make_building_pairs(hall, BuildingPairConfig(), np.array([-1]))
+    for name, value in {"scenario": "x", "condition": "x", "range_noise": -1.0, "copied_share": 2.0}.items():
+        with pytest.raises(ValueError, match=name):
+            BuildingPairConfig(**{name: value})
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_real_file_yields_pairs(real_building, name):
+    building = real_building(name)
+    scene = prepare(building.triangles)
+    for scenario in ("pillar_added", "wall_added", "wall_removed", "pillar_removed"):
+        if scenario == "pillar_removed" and not len(removable(building, PILLAR)):
+            continue
+        pairs = pairs_of(building, count=2, scenario=scenario, condition="occluded")
+        changed = pairs.changed_dt if scenario.endswith("removed") else pairs.changed_robot
+        assert changed.any() and np.all(clearance(scene, pairs.pose.position, 1.0) > 0.3)
+        rays = Rays(pairs.pose.position, pairs.directions, rotation_of(pairs.pose.yaw, pairs.pose.pitch))
+        np.testing.assert_array_equal(cast_triangles(scene, rays).distance, pairs.dt.distance)

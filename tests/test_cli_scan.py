@@ -1,0 +1,74 @@
+"""`jaxmm scan`: a building and a pose become a scan file; what cannot be scanned ends in one line, code 2."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from jaxmm import cli
+
+HOUSE = ("--sensor", "oak-d-pro-small")
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory):
+    """A mesh file of a room of 6 x 4 x 3 m in slabs, with a column in it."""
+    scene = trimesh.Scene()
+    parts = {
+        "floor": ([6.4, 4.4, 0.2], [0, 0, -0.1]),
+        "ceiling": ([6.4, 4.4, 0.2], [0, 0, 3.1]),
+        "wall east": ([0.2, 4.4, 3], [3.1, 0, 1.5]),
+        "wall west": ([0.2, 4.4, 3], [-3.1, 0, 1.5]),
+        "wall north": ([6, 0.2, 3], [0, 2.1, 1.5]),
+        "wall south": ([6, 0.2, 3], [0, -2.1, 1.5]),
+        "column": ([0.5, 0.5, 3], [1.5, 0, 1.5]),
+    }
+    for name, (size, center) in parts.items():
+        box = trimesh.creation.box(extents=size).apply_translation(center)
+        scene.add_geometry(box, node_name=name, geom_name=f"geometry {name}")
+    path = tmp_path_factory.mktemp("house") / "house.glb"
+    path.write_bytes(scene.export(file_type="glb"))
+    return path
+
+
+def test_scans_what_is_there(house, tmp_path, capsys):
+    out = tmp_path / "scan.npz"
+    assert cli.main(["scan", str(house), "--pose", "-1,0,1.5,0", *HOUSE, "--out", str(out)]) == 0
+    assert "64000 returns of 64000 rays" in capsys.readouterr().out
+    with np.load(out) as arrays:
+        middle = arrays["distance"].reshape(200, 320)[99:101, 159:161]
+        names = arrays["guid"][arrays["element"].reshape(200, 320)[100, 160]]
+        points = arrays["origin"] + (arrays["direction"] * arrays["distance"][:, None]) @ arrays["rotation"].T
+    np.testing.assert_allclose(middle, 2.25, atol=1e-3)  # from -1 to the column's face at 1.25
+    assert names == "column"
+    assert np.all(np.abs(points) <= np.array([3, 2, 3]) + 1e-4) and points[:, 2].min() > -1e-4
+
+
+def test_what_cannot_be_scanned_is_one_line(house, tmp_path, refused):
+    out = tmp_path / "scan.ply"
+
+    def scan(pose="-1,0,1.5,0", scene=house, out=out, more=HOUSE):
+        return ["scan", scene, "--pose", pose, "--out", out, *more]
+
+    refused(scan("3.1,0,1.5,0"), "inside element 'wall east'")
+    refused(scan("1.5,0,1.5,0"), "inside element 'column'")
+    refused(scan("9,0,1.5,0"), "outside the building", "-3.20 to 3.20")
+    refused(scan("0,0,-5,0"), "outside the building")
+    for pose in ("1,2,3", "a,b,c,d", "1,2,nan,0", "1,2,1,0,91", "", "1,2,3,4,5,6"):
+        refused(scan(pose), "--pose", "X,Y,Z,YAW")
+    refused(scan(out=tmp_path / "scan.las"), "scan.las", ".e57")
+    refused(scan(more=["--sensor", "eye"]), "oak-d-pro", "'eye'")
+    refused(scan(more=[*HOUSE, "--unit", "0"]), "unit")
+    refused(scan(scene=tmp_path / "none.ifc"), "none.ifc", "nothing there")
+    broken = tmp_path / "broken.ifc"
+    broken.write_text("no building")
+    refused(scan(scene=broken), "broken.ifc", "expected an IFC file")
+    refused(scan(out=tmp_path / "broken.ifc" / "scan.ply"), "broken.ifc", code=1)
+    assert [path.name for path in tmp_path.iterdir()] == ["broken.ifc"]
+
+
+@pytest.mark.parametrize("suffix", ["ply", "pcd", "e57", "csv"])
+def test_scans_a_real_building_in_feet(data_root, tmp_path, suffix, capsys):
+    pytest.importorskip("ifcopenshell")
+    path, out = data_root / "ifc" / "xbim_wall_door_column_4x3.ifc", tmp_path / f"scan.{suffix}"
+    assert cli.main(["scan", str(path), "--pose", "-8,9.9,1.5,90", *HOUSE, "--out", str(out)]) == 0
+    assert "2 elements" in capsys.readouterr().out and out.stat().st_size > 10_000

@@ -1,0 +1,120 @@
+"""Scan files, read back by other readers: positions to the micrometre, elements, the pose, nothing half-written."""
+
+import errno
+import os
+
+import numpy as np
+import pytest
+import trimesh
+
+from jaxmm import clouds, inputs
+from jaxmm.inputs import InputError
+from warp_scanner.sensors import Pinhole, rotation_of
+
+GRID = np.array([192_340.125, 444_123.375, 12.5])  # [m] a place on a national grid
+
+
+@pytest.fixture
+def scan():
+    """A made-up scan with misses, far from the origin."""
+    rng = np.random.default_rng(0)
+    directions = Pinhole(40, 30).directions()
+    distance = rng.uniform(0.5, 20.0, len(directions)).astype(np.float32)
+    distance[::7] = np.inf
+    element = np.where(np.isfinite(distance), rng.integers(0, 3, len(distance)), -1).astype(np.int32)
+    semantic = np.where(element >= 0, 3, 0).astype(np.uint8)
+    rotation = rotation_of([33.0], [-12.0])[0].astype(np.float64)
+    return clouds.SensorScan(GRID, rotation, directions, distance, element, semantic, ("a", "b", "c"))
+
+
+def expected_points(scan):
+    """World points in plain double precision, one by one."""
+    return np.array(
+        [
+            scan.position + scan.rotation @ (float(distance) * direction.astype(float))
+            for distance, direction in zip(scan.distance, scan.directions, strict=True)
+            if np.isfinite(distance)
+        ]
+    )
+
+
+def read_ply(path):
+    data = trimesh.load(path).metadata["_ply_raw"]["vertex"]["data"]
+    return np.stack([data[axis] for axis in "xyz"], axis=1), data["element"]
+
+
+def read_pcd(path):
+    pypcd4 = pytest.importorskip("pypcd4")
+    cloud = pypcd4.PointCloud.from_path(path)
+    np.testing.assert_allclose(cloud.metadata.viewpoint[:3], GRID, atol=1e-6)
+    return cloud.numpy(("x", "y", "z")), cloud.numpy(("element",))[:, 0]
+
+
+def read_e57(path):
+    pye57 = pytest.importorskip("pye57")
+    file = pye57.E57(str(path))
+    header = file.get_header(0)
+    np.testing.assert_allclose(header.translation, GRID)
+    data = file.read_scan(0, ignore_missing_fields=True)
+    file.close()
+    return np.stack([data[f"cartesian{axis}"] for axis in "XYZ"], axis=1), None
+
+
+def read_csv(path):
+    lines = path.read_text().splitlines()
+    assert lines[0] == ";".join(inputs.CSV_COLUMNS)
+    table = np.loadtxt(lines[1:], delimiter=";")
+    return table[:, :3], table[:, 3]
+
+
+@pytest.mark.parametrize("reader", [read_ply, read_pcd, read_e57, read_csv], ids=lambda reader: reader.__name__[5:])
+def test_other_readers_find_the_same_points_and_elements(scan, tmp_path, reader):
+    path = tmp_path / f"scan.{reader.__name__[5:]}"
+    clouds.write_scan(path, scan)
+    points, element = reader(path)
+    np.testing.assert_allclose(points, expected_points(scan), rtol=0, atol=1e-6)
+    if element is not None:
+        np.testing.assert_array_equal(element, scan.element[np.isfinite(scan.distance)])
+    assert [path.name for path in tmp_path.iterdir()] == [path.name]
+
+
+def test_an_archive_keeps_every_ray_and_the_names_of_the_elements(scan, tmp_path):
+    clouds.write_scan(tmp_path / "scan.npz", scan)
+    with np.load(tmp_path / "scan.npz", allow_pickle=False) as arrays:
+        for name in ("distance", "element", "semantic"):
+            np.testing.assert_array_equal(arrays[name], getattr(scan, name))
+        np.testing.assert_array_equal(arrays["origin"], GRID)
+        points = (
+            arrays["origin"]
+            + (arrays["direction"] * arrays["distance"][:, None].astype(float))[np.isfinite(arrays["distance"])]
+            @ arrays["rotation"].T
+        )
+        assert arrays["guid"].tolist() == ["a", "b", "c"]
+    np.testing.assert_allclose(points, expected_points(scan), rtol=0, atol=1e-5)
+
+
+def test_refuses_unknown_endings_and_scans_of_nothing(scan, tmp_path):
+    for name in ("scan.las", "scan"):
+        with pytest.raises(InputError, match="expected a file ending in"):
+            clouds.write_scan(tmp_path / name, scan)
+    nothing = scan._replace(distance=np.full_like(scan.distance, np.inf))
+    for suffix in (".ply", ".pcd", ".e57", ".csv"):
+        with pytest.raises(InputError, match="every ray missed"):
+            clouds.write_scan(tmp_path / f"scan{suffix}", nothing)
+    clouds.write_scan(tmp_path / "scan.npz", nothing)
+    assert [path.name for path in tmp_path.iterdir()] == ["scan.npz"]
+
+
+@pytest.mark.parametrize("suffix", clouds.WRITERS)
+def test_a_full_disk_leaves_nothing_half_written(scan, tmp_path, monkeypatch, suffix):
+    path = tmp_path / f"scan{suffix}"
+    path.write_text("before")
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match="No space left") as failure:
+        clouds.write_scan(path, scan)
+    assert failure.value.filename == str(path)
+    assert path.read_text() == "before" and len(list(tmp_path.iterdir())) == 1

@@ -1,0 +1,237 @@
+"""What can change in a building: walls and columns to take out, to copy or to put in, and furniture to stand around.
+
+Whatever is put in stands free: no triangle of the building is inside it. Positions are offsets from the building's
+origin, metres, z up.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_scanner import draws
+from warp_scanner.buildings import Building, Triangles
+from warp_scanner.footprints import Footprints
+from warp_scanner.furniture import FurnitureConfig, furnish
+from warp_scanner.scan import Rays
+from warp_scanner.scenes import GAP, WALL, Primitives, scene_mesh
+from warp_scanner.sensors import Pinhole, Pose
+from warp_scanner.triangles import TriangleScene, cast_triangles, clearance
+
+_STANDING = 1.0  # [m] least height of what counts as a wall or column rather than a sill or a base
+_OPEN_HEIGHT = 2.6  # [m] of what is added where there is no ceiling
+_STEP = 0.2  # [m] between the points that must be free inside whatever is put in
+_TRIES = 48
+_PATCH = (8.0, 8.0, 2.5)  # [m] around the sensor that furniture is drawn for
+_GAP = 0.1  # [m] between pieces of furniture
+_FURNITURE = FurnitureConfig(table_spacing=(1.5, 2.5), chair_spacing=(1.0, 2.0), table_limit=8, chair_limit=12)
+
+
+class Change(NamedTuple):
+    """One object that is there in one of the two scenes only."""
+
+    triangles: Triangles  # of one element
+    center: np.ndarray  # (3,) [m] of its upright box
+    size: np.ndarray  # (3,) [m] full edge lengths along the own axes
+    yaw: float  # [deg]
+    semantic: int
+
+
+def removable(building: Building, semantic: int) -> np.ndarray:
+    """Rows of the elements of that class that are at least 1 m high."""
+    high, low = (np.full(len(building.elements.guid), gap) for gap in (-np.inf, np.inf))
+    z = building.triangles.vertices[building.triangles.faces][..., 2]
+    np.maximum.at(high, building.triangles.element, z.max(axis=1))
+    np.minimum.at(low, building.triangles.element, z.min(axis=1))
+    return np.flatnonzero((building.elements.semantic == semantic) & (high - low >= _STANDING))
+
+
+def of_element(building: Building, number: int) -> Change:
+    """One of the building's own elements."""
+    own = building.triangles.element == number
+    used, faces = np.unique(building.triangles.faces[own], return_inverse=True)
+    vertices = building.triangles.vertices[used]
+    semantic = building.triangles.semantic[number]
+    triangles = Triangles(
+        vertices, faces.reshape(-1, 3).astype(np.int32), np.zeros(own.sum(), np.int32), np.array([semantic], np.uint8)
+    )
+    return Change(triangles, *_upright_box(triangles), int(semantic))
+
+
+def added_object(
+    building: Building, scene: TriangleScene, kind: tuple[int, float], view: tuple[Pose, Pinhole], key: np.ndarray
+) -> Change | None:
+    """A wall or column at a free place in view, from floor to ceiling; None where none fits.
+
+    Args:
+        building: the building.
+        scene: its triangles, prepared.
+        kind: class (scenes.WALL or PILLAR), and the share of objects whose shape is copied from the building's own.
+        view: pose of one sensor (R = 1), and the sensor.
+        key: (1,) uint64.
+    """
+    (semantic, copied), (pose, sensor) = kind, view
+    position = pose.position[0].astype(np.float64)
+    angle = np.radians(pose.yaw[0] + sensor.horizontal_fov * (draws.uniform(key, "change angle", _TRIES)[0] - 0.5))
+    heading = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1).astype(np.float32)
+    sight = np.minimum(cast_triangles(scene, Rays(position[None], heading)).distance[0], 12.0)
+    # The root makes every square metre within sight as likely as any other in its direction.
+    reach = sight * np.sqrt(draws.uniform(key, "change distance", _TRIES)[0])
+    places = position + reach[:, None].astype(np.float64) * heading
+    vertical = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], np.float32)
+    room = cast_triangles(scene, Rays(places, vertical)).distance.astype(np.float64)
+    floor = np.where(np.isfinite(room[:, 0]), position[2] - room[:, 0], _ground(building, position[2]))
+    top = np.where(np.isfinite(room[:, 1]), position[2] + room[:, 1], floor + _OPEN_HEIGHT)
+    own = removable(building, semantic)
+    copies = draws.uniform(key, "change copied", _TRIES)[0] < copied
+    chosen = np.floor(draws.uniform(key, "change model", _TRIES)[0] * max(len(own), 1)).astype(int)
+    shapes = _shapes(semantic, key)
+    for place in range(_TRIES):
+        foot, height = np.array([*places[place, :2], floor[place]]), top[place] - floor[place]
+        # Under a sloping roof nothing reaches the ceiling everywhere: there the usual height has a chance.
+        shape = tuple(shape[place] for shape in shapes)
+        tried = [_parametric(semantic, shape, foot, up) for up in sorted({height, min(height, _OPEN_HEIGHT)})[::-1]]
+        if copies[place] and len(own):
+            tried = [_moved(of_element(building, own[chosen[place]]), foot)]
+        for change in tried:
+            # A copy that is higher than the room would stick out above.
+            if 0.5 < change.size[2] <= height + 1e-3 and _is_apart(change, position) and _is_free(scene, change):
+                return change
+    return None
+
+
+def furniture_around(
+    scene: TriangleScene, pose: Pose, floor: float, change: Change | None, key: np.ndarray
+) -> Triangles | None:
+    """Tables and chairs within 4 m of the sensor, wherever they stand free on the floor; None where none does.
+
+    Args:
+        scene: the building's triangles, prepared.
+        pose: of one sensor (R = 1); pieces keep away from it.
+        floor: [m] height that the furniture stands on.
+        change: the changed object, which furniture keeps away from as well.
+        key: (1,) uint64.
+
+    Returns:
+        Triangles with one element per piece.
+    """
+    middle = np.array([*pose.position[0, :2], floor + _PATCH[2] / 2], np.float64)
+    boxes = [(np.zeros(2), np.full(2, 0.4), 0.0)]
+    if change is not None:
+        boxes.append((change.center[:2] - middle[:2], change.size[:2] / 2, np.radians(change.yaw)))
+    center, half, yaw = (np.array([[box[part] for box in boxes]]) for part in range(3))
+    others = Footprints(center, half, yaw, np.ones((1, len(boxes)), bool))
+    tables, chairs = furnish(_FURNITURE, (_PATCH, _GAP), key, others, 0)
+    primitives = Primitives(*(np.concatenate(fields, axis=1) for fields in zip(tables, chairs, strict=True)))
+    if not np.any(primitives.kind != GAP):
+        return None
+    vertices, faces, slot = scene_mesh(primitives, 0, sections=12)
+    vertices, element = vertices + middle, primitives.element[0, slot]
+    stays = [piece for piece in np.unique(element) if _piece_is_free(scene, vertices[faces[element == piece]], floor)]
+    if not stays:
+        return None
+    kept = np.isin(element, stays)
+    semantic = [primitives.semantic[0, primitives.element[0] == piece][0] for piece in stays]
+    return Triangles(
+        vertices.astype(np.float32), faces[kept].astype(np.int32),
+        np.searchsorted(stays, element[kept]).astype(np.int32), np.array(semantic, np.uint8),
+    )  # fmt: skip
+
+
+def _ground(building: Building, height: float) -> float:
+    """Elevation of the storey that a place without a floor belongs to."""
+    below = building.storeys.elevation[building.storeys.elevation <= height + 1e-3]
+    return float(below[-1] if len(below) else building.storeys.elevation[0])
+
+
+def _shapes(semantic: int, key: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Length, width, yaw [rad] and roundness of every try."""
+    turn = draws.between(key, "change yaw", (-np.pi / 2, np.pi / 2), _TRIES)[0]
+    if semantic == WALL:
+        length = draws.between(key, "change length", (1.0, 4.5), _TRIES)[0]
+        width = draws.between(key, "change thickness", (0.1, 0.3), _TRIES)[0]
+        return length, width, turn, np.zeros(_TRIES, bool)
+    width = draws.between(key, "change width", (0.2, 0.9), _TRIES)[0]
+    return width, width, turn, draws.uniform(key, "change round", _TRIES)[0] < 0.5
+
+
+def _parametric(semantic: int, shape: tuple, foot: np.ndarray, height: float) -> Change:
+    import trimesh  # slow to import, and casting rays does not need it
+
+    length, width, yaw, is_round = shape
+    height = max(height, 1e-3)  # a place without any height is refused later
+    if is_round:
+        mesh = trimesh.creation.cylinder(radius=length / 2, height=height, sections=64)
+    else:
+        mesh = trimesh.creation.box(extents=[length, width, height])
+    turn = trimesh.transformations.rotation_matrix(yaw, [0, 0, 1])
+    center = foot + np.array([0.0, 0.0, height / 2])
+    turn[:3, 3] = center
+    mesh.apply_transform(turn)
+    triangles = Triangles(
+        mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), np.zeros(len(mesh.faces), np.int32),
+        np.array([semantic], np.uint8),
+    )  # fmt: skip
+    return Change(triangles, center, np.array([length, width, height]), float(np.degrees(yaw)), semantic)
+
+
+def _moved(change: Change, foot: np.ndarray) -> Change:
+    """The same object standing elsewhere."""
+    shift = foot + np.array([0.0, 0.0, change.size[2] / 2]) - change.center
+    vertices = (change.triangles.vertices + shift).astype(np.float32)
+    return change._replace(triangles=change.triangles._replace(vertices=vertices), center=change.center + shift)
+
+
+def _upright_box(triangles: Triangles) -> tuple[np.ndarray, np.ndarray, float]:
+    """Center, size and yaw [deg] of the upright box of least footprint along an edge of the triangles."""
+    points = triangles.vertices.astype(np.float64)
+    edges = np.concatenate([points[triangles.faces[:, [0, 1]]], points[triangles.faces[:, [1, 2]]]])
+    edges = (edges[:, 1] - edges[:, 0])[:, :2]
+    edges = edges[np.linalg.norm(edges, axis=1) > 1e-3]
+    yaws = np.unique(np.round(np.mod(np.arctan2(edges[:, 1], edges[:, 0]), np.pi / 2), 6)) if len(edges) else [0.0]
+    yaws = np.asarray(yaws)[:360]
+    cosine, sine = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
+    along, across = cosine * points[:, 0] + sine * points[:, 1], cosine * points[:, 1] - sine * points[:, 0]
+    best = int(np.argmin(np.ptp(along, axis=1) * np.ptp(across, axis=1)))
+    along, across, z, yaw = along[best], across[best], points[:, 2], yaws[best]
+    u, v, w = ((axis.min() + axis.max()) / 2 for axis in (along, across, z))
+    center = np.array([np.cos(yaw) * u - np.sin(yaw) * v, np.sin(yaw) * u + np.cos(yaw) * v, w])
+    size = np.array([np.ptp(axis) for axis in (along, across, z)])
+    if size[0] < size[1]:  # the first axis is the longer one
+        size, yaw = size[[1, 0, 2]], yaw - np.pi / 2
+    return center, size, float(np.degrees(yaw))
+
+
+def _is_free(scene: TriangleScene, change: Change) -> bool:
+    """No triangle of the scene is inside the object's box, but for what touches its foot and its top."""
+    # Points in steps of 0.2 m and balls of 0.2 m around them cover the box and a little more on every side.
+    x, y = (_steps(-length / 2, length / 2) for length in change.size[:2])
+    z = _steps(min(0.25 - change.size[2] / 2, 0.0), max(change.size[2] / 2 - 0.25, 0.0))
+    points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
+    cosine, sine = np.cos(np.radians(change.yaw)), np.sin(np.radians(change.yaw))
+    turned = np.column_stack(
+        [cosine * points[:, 0] - sine * points[:, 1], sine * points[:, 0] + cosine * points[:, 1], points[:, 2]]
+    )
+    return bool(np.all(clearance(scene, turned + change.center, 1.0) > _STEP))
+
+
+def _is_apart(change: Change, position: np.ndarray) -> bool:
+    """The object leaves the sensor the gap that everything else leaves it."""
+    x, y = position[:2] - change.center[:2]
+    cosine, sine = np.cos(np.radians(change.yaw)), np.sin(np.radians(change.yaw))
+    beyond = np.abs([cosine * x + sine * y, cosine * y - sine * x]) - change.size[:2] / 2
+    return bool(np.linalg.norm(np.maximum(beyond, 0.0)) > 0.5)
+
+
+def _piece_is_free(scene: TriangleScene, corners: np.ndarray, floor: float) -> bool:
+    """A piece of furniture, (t, 3, 3) corners, meets nothing and stands on a floor if there are any."""
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    axes = (_steps(low[0], high[0]), _steps(low[1], high[1]), _steps(min(floor + 0.25, high[2]), high[2]))
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    if np.any(clearance(scene, points, 1.0) <= _STEP):
+        return False
+    below = cast_triangles(scene, Rays(points[:1], np.array([[0.0, 0.0, -1.0]], np.float32))).distance[0, 0]
+    return bool(np.isinf(below) or abs(points[0, 2] - below - floor) < 0.05)
+
+
+def _steps(low: float, high: float) -> np.ndarray:
+    return np.linspace(low, high, max(2, int(np.ceil((high - low) / _STEP)) + 1))

@@ -1,0 +1,206 @@
+"""A building becomes pairs of scans that differ in one wall or column, with the truth about every ray.
+
+Removed: one of the building's own walls or columns is left out of reality. Added: a box or a cylinder, or a copy of one
+of the building's own, stands in reality only. Furniture stands in the occluded reality only. All of it shares one mesh,
+out of which each scan picks what is there. Positions are offsets from the building's origin, metres, z up; R pairs.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_scanner import draws
+from warp_scanner.building_changes import Change, added_object, furniture_around, of_element, removable
+from warp_scanner.building_poses import draw_positions
+from warp_scanner.buildings import Building, join
+from warp_scanner.pairs import Pairs, joined
+from warp_scanner.scan import Rays
+from warp_scanner.scenarios import CONDITIONS, SCENARIOS, TrueBox
+from warp_scanner.scenes import NOTHING, PILLAR, WALL
+from warp_scanner.sensors import OAK_D_PRO_SMALL, Pinhole, Pose, Standing, add_range_noise, rotation_of
+from warp_scanner.triangles import TriangleScene, cast_triangles, prepare
+
+_ATTEMPTS = 200
+_RING = 360  # rays around a sensor that look for something to remove
+
+
+@dataclasses.dataclass(frozen=True)
+class BuildingPairConfig:
+    """Which pairs of a building to make; lengths in metres."""
+
+    seed: int = 0
+    scenario: str = "pillar_added"  # one of scenarios.SCENARIOS, or "unchanged"
+    condition: str = "clean"  # or "occluded"
+    sensor: Pinhole = OAK_D_PRO_SMALL
+    standing: Standing = Standing()
+    storey: int | None = None  # row of the storey table; None draws from all
+    copied_share: float = 0.3  # share of added objects whose shape is copied from one of the building's own
+    range_noise: float = 0.0  # standard deviation of the robot's ranges; the DT scan has none
+    testable_margin: float = 0.1  # ranges must differ by more than this to tell prior and reality apart
+    minimum_share: float = 0.001  # least share of the rays that hit the changed object in the clean scene
+
+    def __post_init__(self):
+        if self.scenario not in (*SCENARIOS, "unchanged"):
+            raise ValueError(f"scenario must be one of {(*SCENARIOS, 'unchanged')}, got {self.scenario!r}")
+        if self.condition not in CONDITIONS:
+            raise ValueError(f"condition must be one of {CONDITIONS}, got {self.condition!r}")
+        for name in ("seed", "range_noise", "testable_margin"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
+        for name in ("copied_share", "minimum_share"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"{name} must be between 0 and 1, got {getattr(self, name)}")
+
+    @property
+    def semantic(self) -> int:
+        """Class of the changed object."""
+        return {"pillar": PILLAR, "wall": WALL}.get(self.scenario.partition("_")[0], NOTHING)
+
+
+class _Attempt(NamedTuple):
+    """One view with everything that may stand in it."""
+
+    scene: TriangleScene
+    in_prior: np.ndarray  # (E,) bool
+    in_real: np.ndarray
+    changed: int  # element or -1
+    change: Change | None
+
+
+def make_building_pairs(
+    building: Building, config: BuildingPairConfig, index: np.ndarray, threads: int | None = None
+) -> Pairs:
+    """Pairs of the given numbers; a pure function of (building, config, index) for every single pair.
+
+    The two conditions of one index share pose and changed object. Elements of the scans are rows of the building's
+    table; an added object has the id after the last, furniture the ids after that. Positions are offsets from the
+    building's origin.
+
+    Args:
+        building: from read_building.
+        config: what to make.
+        index: (R,) numbers, at least 0.
+        threads: how many to use; by default as many as the machine has cores.
+
+    Raises:
+        ValueError: index is not (R,) or holds a negative number; something is to be removed that the building lacks.
+        RuntimeError: no place where a sensor sees a change.
+    """
+    index = np.asarray(index)
+    if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer) or np.any(index < 0):
+        raise ValueError(f"index must be (R,) integers of at least 0, got {index.dtype} {index.shape}")
+    if config.scenario.endswith("removed") and not len(removable(building, config.semantic)):
+        raise ValueError(f"scenario {config.scenario} needs a building with one of those; this one has none")
+    scene = prepare(building.triangles)
+    if not len(index):
+        one = _make_pair(building, scene, config, (0, threads))
+        return Pairs(*(_nobody(field) if name != "directions" else field for name, field in one._asdict().items()))
+    return joined([_make_pair(building, scene, config, (int(number), threads)) for number in index])
+
+
+def _nobody(field):
+    return type(field)(*map(_nobody, field)) if isinstance(field, tuple) else field[:0]
+
+
+def _make_pair(building: Building, scene: TriangleScene, config: BuildingPairConfig, which: tuple) -> Pairs:
+    number, threads = which
+    for attempt in range(_ATTEMPTS):
+        key = draws.keys(config.seed, np.array([number]), attempt)
+        pose, found = draw_positions(building, scene, config.standing, key, config.storey)
+        if not found[0]:
+            continue
+        if config.scenario.endswith("removed"):
+            pose = _facing(building, scene, config, pose, key)
+        rays = Rays(pose.position, config.sensor.directions(), rotation_of(pose.yaw, pose.pitch))
+        trial = _attempt(building, scene, config, (key, pose, rays, threads))
+        if trial is not None:
+            return _scanned(config, trial, (number, pose, rays, threads))
+    raise RuntimeError(f"no {config.scenario} pair for index {number} in {_ATTEMPTS} attempts; too little free space")
+
+
+def _facing(building: Building, scene: TriangleScene, config: BuildingPairConfig, pose: Pose, key: np.ndarray) -> Pose:
+    """The pose turned so that something that can be removed is in view, if anything around it is."""
+    angle = np.arange(_RING) * (2.0 * np.pi / _RING)
+    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1).astype(np.float32)
+    element = cast_triangles(scene, Rays(pose.position, ring)).element[0]
+    seen = np.intersect1d(element, removable(building, config.semantic))
+    if not len(seen):
+        return pose
+    which, where, beside = draws.uniform(key, "facing", 3)[0]
+    rays = np.flatnonzero(element == seen[int(which * len(seen))])
+    yaw = np.degrees(angle[rays[int(where * len(rays))]]) + (beside - 0.5) * config.sensor.horizontal_fov * 0.7
+    return pose._replace(yaw=np.array([(yaw + 180.0) % 360.0 - 180.0], np.float32))
+
+
+def _attempt(building: Building, scene: TriangleScene, config: BuildingPairConfig, view: tuple) -> _Attempt | None:
+    """The scene around one pose, or None where the change could not be placed or seen."""
+    key, pose, rays, threads = view
+    own = len(building.elements.guid)
+    prior = cast_triangles(scene, rays, threads=threads)
+    if not np.isfinite(prior.distance).any():
+        return None
+    least = max(1, int(np.ceil(config.minimum_share * prior.distance.size)))
+    triangles, changed, change = building.triangles, -1, None
+    if config.scenario.endswith("removed"):
+        seen = np.bincount(prior.element[prior.element >= 0], minlength=own)
+        candidates = [number for number in removable(building, config.semantic) if seen[number] >= least]
+        if not candidates:
+            return None
+        changed = candidates[int(draws.uniform(key, "change element", 1)[0, 0] * len(candidates))]
+        change = of_element(building, changed)
+    elif config.scenario.endswith("added"):
+        change = added_object(building, scene, (config.semantic, config.copied_share), (pose, config.sensor), key)
+        if change is None:
+            return None
+        changed, triangles = own, join(triangles, change.triangles)
+    before = len(triangles.semantic)
+    if config.condition == "occluded":
+        floor = float(pose.position[0, 2]) - config.standing.height
+        furniture = furniture_around(scene, pose, floor, change, key)
+        triangles = triangles if furniture is None else join(triangles, furniture)
+    count = len(triangles.semantic)
+    in_prior, in_real = np.arange(count) < own, np.ones(count, bool)
+    if config.scenario.endswith("removed"):
+        in_real[changed] = False
+    full = prepare(triangles) if count > own else scene
+    if config.scenario.endswith("added"):
+        clean = cast_triangles(full, rays, np.arange(count) < before, threads)
+        if np.sum(clean.element == changed) < least:
+            return None
+    return _Attempt(full, in_prior, in_real, changed, change)
+
+
+def _scanned(config: BuildingPairConfig, trial: _Attempt, view: tuple) -> Pairs:
+    """Both scans and the truth of one pair."""
+    number, pose, rays, threads = view
+    dt = cast_triangles(trial.scene, rays, trial.in_prior, threads)
+    robot = cast_triangles(trial.scene, rays, trial.in_real, threads)
+    removed = config.scenario.endswith("removed")
+    changed_dt = (dt.element == trial.changed) if removed else np.zeros(dt.element.shape, bool)
+    changed_robot = (
+        (robot.element == trial.changed) if trial.changed >= 0 and not removed else np.zeros_like(changed_dt)
+    )
+    margin = np.float32(config.testable_margin)
+    # Misses are infinitely far: a ray that hits nothing passed everything, and inf > inf is False.
+    testable_dt, testable_robot = dt.distance + margin < robot.distance, robot.distance + margin < dt.distance
+    fraction = np.full(1, np.nan, np.float32)
+    if trial.changed >= 0:
+        alone = cast_triangles(trial.scene, rays, np.arange(len(trial.in_prior)) == trial.changed, threads)
+        found = np.sum((changed_dt & testable_dt) | (changed_robot & testable_robot))
+        fraction[0] = found / max(int(np.isfinite(alone.distance).sum()), 1)
+    noise = add_range_noise(robot.distance, config.range_noise, config.seed, np.array([number]))
+    return Pairs(
+        pose, rays.direction, dt, robot._replace(distance=noise), changed_dt, changed_robot, testable_dt,
+        testable_robot, fraction, _box(trial.change),
+    )  # fmt: skip
+
+
+def _box(change: Change | None) -> TrueBox:
+    if change is None:
+        gap = np.full((1, 3), np.nan, np.float32)
+        return TrueBox(gap, gap, gap[:, 0], np.array([NOTHING], np.uint8))
+    return TrueBox(
+        change.center[None].astype(np.float32), change.size[None].astype(np.float32),
+        np.array([change.yaw], np.float32), np.array([change.semantic], np.uint8),
+    )  # fmt: skip

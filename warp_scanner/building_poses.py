@@ -1,0 +1,142 @@
+"""Where a sensor can stand in a building: inside it, above a floor, away from every surface.
+
+E elements, N points. Positions are offsets from the building's origin, metres, z up.
+"""
+
+import numpy as np
+
+from warp_scanner import draws
+from warp_scanner.buildings import Building, Triangles, bounds
+from warp_scanner.scan import Rays
+from warp_scanner.scenes import CEILING, CHAIR, FLOOR, FURNITURE, PILLAR, TABLE, WALL
+from warp_scanner.sensors import Pose, Standing
+from warp_scanner.triangles import TriangleScene, cast_triangles, clearance
+
+_SOLID = (WALL, PILLAR, FLOOR, CEILING, TABLE, CHAIR, FURNITURE)  # what nobody can stand inside
+_BESIDE = 2.0  # [m] around a file that holds neither floors nor ceilings, and so has no inside
+_STOREY_HEIGHT = 2.5  # [m] of the highest storey, if nothing above tells
+_STEP = 0.6  # [m] a floor may lie above or below its storey's elevation
+
+
+def check_position(building: Building, scene: TriangleScene, position: np.ndarray) -> None:
+    """Refuse a place where no sensor can be.
+
+    Args:
+        building: the building.
+        scene: its triangles, prepared.
+        position: (3,) float64 [m] world.
+
+    Raises:
+        ValueError: outside the building, or inside one of its elements.
+    """
+    point = np.asarray(position, np.float64) - building.origin
+    where = ", ".join(f"{value:g}" for value in position)
+    if not inside(building, scene, point[None])[0]:
+        low, high = (corner + building.origin for corner in bounds(building.triangles))
+        spans = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low, high, strict=True))
+        raise ValueError(f"pose {where} is outside the building, which spans {spans} m")
+    around = element_around(building.triangles, point)
+    if around >= 0:
+        elements = building.elements
+        kind, name = elements.ifc_class[around] or "element", elements.name[around]
+        raise ValueError(f"pose {where} is inside {kind} {name!r} ({elements.guid[around]})")
+
+
+def inside(building: Building, scene: TriangleScene, points: np.ndarray) -> np.ndarray:
+    """(N,) bool: within the bounding box and above or below something.
+
+    A file with neither floors nor ceilings has no inside; there the bounding box and 2 m around it count.
+    """
+    points = np.asarray(points, np.float64)
+    low, high = bounds(building.triangles)
+    if not np.isin(building.elements.semantic, (FLOOR, CEILING)).any():
+        margin = np.array([_BESIDE, _BESIDE, 0.0])
+        return np.all((points >= low - margin) & (points <= high + margin), axis=1)
+    vertical = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], np.float32)
+    hit = np.isfinite(cast_triangles(scene, Rays(points, vertical)).distance)
+    return np.all((points >= low) & (points <= high), axis=1) & hit.any(axis=1)
+
+
+def element_around(triangles: Triangles, point: np.ndarray) -> int:
+    """The solid element that the point (3,) is inside of; -1 if there is none.
+
+    By the winding number (van Oosterom and Strackee 1983 give the solid angle of a triangle), which also holds for
+    surfaces with small holes and does not care which side of a face is its front.
+    """
+    corners = triangles.vertices[triangles.faces].astype(np.float64) - point
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+    volume = np.einsum("ti,ti->t", a, np.cross(b, c))
+    rest = la * lb * lc + np.einsum("ti,ti->t", a, b) * lc + np.einsum("ti,ti->t", b, c) * la
+    rest += np.einsum("ti,ti->t", c, a) * lb
+    turns = np.bincount(triangles.element, np.arctan2(volume, rest), len(triangles.semantic)) / (2.0 * np.pi)
+    within = (np.abs(turns) > 0.5) & np.isin(triangles.semantic, _SOLID)
+    return int(np.argmax(within)) if within.any() else -1
+
+
+def draw_positions(
+    building: Building, scene: TriangleScene, standing: Standing, key: np.ndarray, storey: int | None = None
+) -> tuple[Pose, np.ndarray]:
+    """Level poses at random free places of the building, looking anywhere.
+
+    A place is free when it lies inside, `standing.height` above the surface below it (of a file without floors:
+    above the storey's elevation), and no triangle is within `standing.gap`.
+
+    Args:
+        building: the building.
+        scene: its triangles, prepared; all of them count.
+        standing: height, gap and number of tries.
+        key: (R,) uint64 from draws.keys.
+        storey: row of the storey table; None draws from all.
+
+    Returns:
+        The poses of R views, and (R,) bool: False where no free place was found and the pose means nothing.
+    """
+    count, tries = len(key), standing.tries
+    low, high = (corner.astype(np.float64) for corner in bounds(building.triangles))
+    floored = bool(np.isin(building.elements.semantic, (FLOOR, CEILING)).any())
+    margin = 0.0 if floored else _BESIDE
+    x, y = (draws.between(key, f"sensor {axis}", (low[axis] - margin, high[axis] + margin), tries) for axis in (0, 1))
+    chosen = np.floor(draws.uniform(key, "sensor storey", tries) * len(building.storeys.name)).astype(int)
+    chosen = chosen if storey is None else np.full_like(chosen, storey)
+    elevation = building.storeys.elevation[chosen]
+    top = _tops(building)[chosen]
+    points = np.stack([x, y, np.minimum(elevation + 1.0, (elevation + top) / 2)], axis=-1).reshape(-1, 3)
+    good = np.ones(len(points), bool)
+    if floored:
+        down = np.array([[0.0, 0.0, -1.0]], np.float32)
+        drop = cast_triangles(scene, Rays(points, down)).distance[:, 0].astype(np.float64)
+        floor = points[:, 2] - drop
+        good = np.abs(floor - elevation.ravel()) <= _STEP
+        points[:, 2] = np.where(good, floor + standing.height, points[:, 2])
+    else:
+        points[:, 2] = elevation.ravel() + standing.height
+    points = points.astype(np.float32)
+    # A hair more than the gap, so that it still holds whoever measures.
+    good &= (clearance(scene, points, standing.gap + 1.0) > standing.gap + 1e-4) & inside(building, scene, points)
+    up = np.array([[0.0, 0.0, 1.0]], np.float32)
+    covered = np.isfinite(cast_triangles(scene, Rays(points, up)).distance[:, 0])
+    points, good, covered = points.reshape(count, tries, 3), good.reshape(count, tries), covered.reshape(count, tries)
+    # A roof terrace is a floor as well, but only where nothing under a roof is free.
+    first = _first_free(building.triangles, points, good & covered)
+    first = np.where(first < 0, _first_free(building.triangles, points, good & (first < 0)[:, None]), first)
+    found = first >= 0
+    yaw = draws.between(key, "sensor yaw", (-180.0, 180.0), 1)[:, 0].astype(np.float32)
+    return Pose(points[np.arange(count), first], yaw, np.zeros_like(yaw)), found
+
+
+def _first_free(triangles: Triangles, points: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """(R,) the first good try that is inside no element; -1 if none is."""
+    first = np.full(len(points), -1)
+    for view in range(len(points)):
+        for place in np.flatnonzero(good[view]):
+            if element_around(triangles, points[view, place]) < 0:
+                first[view] = place
+                break
+    return first
+
+
+def _tops(building: Building) -> np.ndarray:
+    """(S,) where each storey ends: where the next begins, or at the usual height."""
+    elevation = building.storeys.elevation
+    return np.append(elevation[1:], elevation[-1] + _STOREY_HEIGHT)

@@ -1,0 +1,258 @@
+"""Reads IFC files: every product with a body becomes one element, in metres and world coordinates, openings cut.
+
+Spaces, openings and other things without matter are left out. What a wall, column, door or window is put together from
+(plates, members, layers) belongs to it; all else that is put together (stairs, roofs) stays as its parts. Elements
+whose shape cannot be made are listed with the reason.
+"""
+
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from warp_scanner.buildings import AS_IT_IS, Building, Failure, Found, Part, ReadOptions, Storeys, assemble
+from warp_scanner.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
+
+# The plain CGAL kernel loses elements without a word; this one falls back on OpenCASCADE for what CGAL cannot do.
+_KERNEL = "hybrid-cgal-simple-opencascade"
+_CLEAR = 0.3  # transparency from which a material counts as glass
+_WHOLES = ("IfcWall", "IfcColumn", "IfcDoor", "IfcWindow")  # own what they are put together from
+_WITHOUT_MATTER = ("IfcFeatureElement", "IfcVirtualElement")
+_CLASSES = (
+    ("IfcWall", WALL),
+    ("IfcColumn", PILLAR),
+    ("IfcDoor", DOOR),
+    ("IfcWindow", WINDOW),
+    ("IfcSlab", FLOOR),
+    ("IfcRoof", CEILING),
+    ("IfcFurnishingElement", FURNITURE),
+)
+
+
+class _Shape(NamedTuple):
+    vertices: np.ndarray  # (v, 3) float64 [m] world
+    faces: np.ndarray  # (t, 3)
+    clear: np.ndarray  # (t,) bool: of a transparent material
+
+
+def import_ifcopenshell() -> Any:
+    """The library, with what is needed of it.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    try:
+        import ifcopenshell
+        import ifcopenshell.geom
+        import ifcopenshell.guid
+        import ifcopenshell.util.element
+        import ifcopenshell.util.placement
+        import ifcopenshell.util.unit
+    except ImportError as error:
+        raise ImportError("reading IFC needs the extra ifc: pip install 'jaxmm[ifc]'") from error
+    return ifcopenshell
+
+
+def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
+    """The building that an IFC file (STEP text, .ifc) describes.
+
+    Args:
+        path: the file.
+        options: whether glass and doors are there.
+
+    Raises:
+        ValueError: missing; not IFC or cut off; no length unit; no element with a shape.
+        ImportError: ifcopenshell is not installed.
+    """
+    model, notes = _open(Path(path))
+    storeys, rows = _storeys(model, _unit_scale(model, path))
+    products = [product for product in model.by_type("IfcElement") if not any(map(product.is_a, _WITHOUT_MATTER))]
+    owners = {product.GlobalId: _owner(product) for product in products}
+    shapes, reasons = _shapes(model, [product for product in products if product.Representation])
+    pieces: dict[Any, list[_Shape]] = {}
+    for product in products:
+        if product.GlobalId in shapes:
+            pieces.setdefault(owners[product.GlobalId], []).append(shapes[product.GlobalId])
+    parts = [part for owner, shape in pieces.items() if (part := _part(owner, shape, rows, options))]
+    # What has no body of its own is there when something that it is put together from is.
+    shown = shapes.keys() | {above for guid in shapes for above in _above(model.by_guid(guid))}
+    failures = [
+        Failure(product.GlobalId, product.is_a(), product.Name or "", reasons.get(product.GlobalId, "it has no body"))
+        for product in products
+        if product.GlobalId not in shown
+    ]
+    return assemble(str(path), parts, Found(storeys, tuple(failures), notes, _to_map(model)))
+
+
+def _part(owner: Any, shapes: list[_Shape], rows: dict[str, int], options: ReadOptions) -> Part | None:
+    """The element that these shapes make up; None when the options leave all of it out."""
+    semantic = _semantic(owner)
+    if semantic == DOOR and options.doors == "open":
+        return None
+    start = np.cumsum([0] + [len(shape.vertices) for shape in shapes[:-1]])
+    vertices = np.concatenate([shape.vertices for shape in shapes])
+    faces = np.concatenate([shape.faces + first for shape, first in zip(shapes, start, strict=True)])
+    if options.glass == "transparent":
+        clear = np.concatenate([shape.clear for shape in shapes])
+        # A window whose materials say nothing is taken for glass as a whole.
+        clear |= semantic == WINDOW and not clear.any()
+        if clear.all():
+            return None
+        faces = faces[~clear]
+    return Part(owner.GlobalId, owner.is_a(), owner.Name or "", _storey_of(owner, rows), semantic, vertices, faces)
+
+
+def _open(path: Path) -> tuple[Any, tuple[str, ...]]:
+    """The parsed file, and what had to be mended in it."""
+    if not path.is_file():
+        raise ValueError(f"{path}: expected a file, found {'a folder' if path.is_dir() else 'nothing there'}")
+    with open(path, "rb") as file:
+        head = file.read(4096)
+        file.seek(max(0, os.path.getsize(path) - 4096))
+        tail = file.read()
+    if b"ISO-10303-21" not in head or b"FILE_SCHEMA" not in head:
+        raise ValueError(f"{path}: expected an IFC file (text that begins with ISO-10303-21), found something else")
+    if b"END-ISO-10303-21" not in tail:
+        raise ValueError(f"{path}: the file is cut off: it does not end with END-ISO-10303-21")
+    ifcopenshell = import_ifcopenshell()
+    try:
+        model = ifcopenshell.open(str(path))
+    except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
+        raise ValueError(f"{path}: not a readable IFC file: {' '.join(str(error).split())[:150]}") from error
+    mended = sum(_mend(product) for product in model.by_type("IfcProduct"))
+    return model, (f"{mended} objects had `*` where the schema wants `$`; read as empty",) if mended else ()
+
+
+def _mend(product: Any) -> bool:
+    """Some exporters write `*` (derived) for an attribute that is merely empty, which no shape survives."""
+    if ",*" not in str(product):
+        return False
+    for place in range(2, len(product)):
+        if product[place] is None:
+            product[place] = None
+    return True
+
+
+def _unit_scale(model: Any, path: Path | str) -> float:
+    """Metres per unit of length in the file."""
+    import ifcopenshell.util.unit
+
+    unit = ifcopenshell.util.unit.get_project_unit(model, "LENGTHUNIT")
+    if unit is None:
+        raise ValueError(f"{path}: expected a unit of length (IfcUnitAssignment with LENGTHUNIT), found none")
+    scale = ifcopenshell.util.unit.calculate_unit_scale(model)
+    if not 0.0 < scale < np.inf:
+        raise ValueError(f"{path}: expected a unit of length in metres, got a scale of {scale}")
+    return float(scale)
+
+
+def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[str, int]]:
+    """The storeys from the lowest up, and the row of each GlobalId."""
+    from ifcopenshell.util.placement import get_local_placement
+
+    def elevation(storey: Any) -> float:
+        # The placement is where things really stand; the attribute is a remark that some files get wrong.
+        if storey.ObjectPlacement:
+            return float(get_local_placement(storey.ObjectPlacement)[2, 3]) * scale
+        return float(storey.Elevation or 0.0) * scale
+
+    found = sorted(((elevation(storey), storey) for storey in model.by_type("IfcBuildingStorey")), key=lambda s: s[0])
+    guids = tuple(storey.GlobalId for _, storey in found)
+    names = tuple(storey.Name or "" for _, storey in found)
+    return Storeys(guids, names, np.array([z for z, _ in found])), {guid: row for row, guid in enumerate(guids)}
+
+
+def _storey_of(product: Any, rows: dict[str, int]) -> int:
+    from ifcopenshell.util.element import get_container
+
+    storey = get_container(product, ifc_class="IfcBuildingStorey")
+    return rows[storey.GlobalId] if storey else -1
+
+
+def _above(product: Any) -> list[str]:
+    """GlobalIds of all that the product is a part of, from the nearest up."""
+    return [whole.GlobalId for whole in _wholes(product)]
+
+
+def _wholes(product: Any) -> list[Any]:
+    from ifcopenshell.util.element import get_aggregate
+
+    wholes, whole = [], get_aggregate(product)
+    while whole is not None and whole.is_a("IfcElement") and whole not in wholes:
+        wholes.append(whole)
+        whole = get_aggregate(whole)
+    return wholes
+
+
+def _owner(product: Any) -> Any:
+    """The element that the product's shape belongs to: the outermost wall, column, door or window, or itself."""
+    owners = [whole for whole in [product, *_wholes(product)] if any(map(whole.is_a, _WHOLES))]
+    return owners[-1] if owners else product
+
+
+def _semantic(product: Any) -> int:
+    kind = getattr(product, "PredefinedType", None)
+    if product.is_a("IfcSlab") and kind == "ROOF":
+        return CEILING
+    if product.is_a("IfcCovering"):
+        return {"CEILING": CEILING, "FLOORING": FLOOR}.get(kind, OTHER)
+    return next((semantic for name, semantic in _CLASSES if product.is_a(name)), OTHER)
+
+
+def _shapes(model: Any, products: list[Any]) -> tuple[dict[str, _Shape], dict[str, str]]:
+    """Shapes by GlobalId, and for those that have none the reason."""
+    import ifcopenshell.geom
+
+    settings = ifcopenshell.geom.settings()
+    settings.set("use-world-coords", True)
+    settings.set("weld-vertices", True)
+    shapes: dict[str, _Shape] = {}
+    if not products:
+        return shapes, {}
+    iterator = ifcopenshell.geom.iterator(
+        settings, model, os.cpu_count() or 1, include=products, geometry_library=_KERNEL
+    )
+    for made in iterator:
+        _keep(shapes, made)
+    reasons = {}
+    for product in products:
+        if product.GlobalId in shapes:
+            continue
+        # The iterator passes over what fails, and may end there: each of the rest gets a try of its own.
+        try:
+            made = ifcopenshell.geom.create_shape(settings, product, geometry_library=_KERNEL)
+        except Exception as error:  # the geometry kernels raise whatever they like
+            reasons[product.GlobalId] = " ".join(str(error).split())[:200] or type(error).__name__
+        else:
+            _keep(shapes, made)
+            reasons[product.GlobalId] = "its body has no faces"
+    return shapes, reasons
+
+
+def _keep(shapes: dict[str, _Shape], made: Any) -> None:
+    geometry = made.geometry
+    faces = np.array(geometry.faces, np.int64).reshape(-1, 3)
+    if not len(faces):
+        return
+    transparency = np.nan_to_num(np.array([material.transparency for material in geometry.materials], np.float64))
+    # A triangle without a material has the number -1, which picks the gap at the end.
+    clear = np.append(transparency >= _CLEAR, False)[np.array(geometry.material_ids, np.int64)]
+    shapes[made.guid] = _Shape(np.array(geometry.verts, np.float64).reshape(-1, 3), faces, clear)
+
+
+def _to_map(model: Any) -> np.ndarray | None:
+    """World to map grid, both in metres, of an IfcMapConversion; None without one."""
+    found = model.by_type("IfcMapConversion") if model.schema != "IFC2X3" else []
+    if not found:
+        return None
+    from ifcopenshell.util.unit import calculate_unit_scale, get_named_unit_scale
+
+    conversion = found[0]
+    unit = getattr(conversion.TargetCRS, "MapUnit", None)
+    metres = get_named_unit_scale(unit) if unit else calculate_unit_scale(model)
+    turn = np.arctan2(conversion.XAxisOrdinate or 0.0, conversion.XAxisAbscissa or 1.0)
+    to_map = np.eye(4)
+    to_map[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    to_map[:3, 3] = np.array([conversion.Eastings, conversion.Northings, conversion.OrthogonalHeight]) * metres
+    return to_map
