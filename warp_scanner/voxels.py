@@ -63,7 +63,7 @@ def _thin(clouds: list[np.ndarray], size: float) -> list[np.ndarray | None]:
     table.point, table.start = share(point, wp.float64), share(start, wp.int32)
     table.table_start = share(starts_of(entries), wp.int32)
     table.table = wp.empty(sum(entries), dtype=int, device="cpu")
-    for name, width in (("local", 3), ("total", 4), ("apart", 1), ("least", 1)):
+    for name, width in (("total", 4), ("apart", 1), ("least", 1)):
         setattr(table, name, wp.empty(width * count, dtype=wp.float64, device="cpu"))
     table.voxel = wp.empty(count, dtype=int, device="cpu")
     table.key = wp.empty(count, dtype=wp.int64, device="cpu")
