@@ -28,6 +28,8 @@ class Clouds:
     index: wp.array[wp.int64]  # (groups, GROUP, CHUNK) out: point of the cloud
     chunk_bounds: wp.array[wp.float64]  # (groups, 6, GROUP) out: low x, y, z and high x, y, z; nowhere when empty
     group_bounds: wp.array[wp.float64]  # (6, groups) out
+    distance: wp.array[wp.float64]  # (N,) out: of each point to the nearest of the cloud that it searches
+    nearest: wp.array[int]  # (N,) out: that point of the other cloud
 
 
 # A crowd of points is sorted into cells of its own bounds, as wide as high; cells that are still crowded are crowds
@@ -35,7 +37,7 @@ class Clouds:
 # rest, and memory does not depend on extents. Cells follow each other like furrows of a field: a chunk seldom jumps.
 @wp.func_native(
     """
-    const long first = clouds.start.data[cloud];
+    const long long first = clouds.start.data[cloud];
     const int count = clouds.start.data[cloud + 1] - clouds.start.data[cloud];
     const double *__restrict point = clouds.point.data + 3 * first;
     int *__restrict order = clouds.order.data + first, *__restrict spare = clouds.spare.data + first;
@@ -48,9 +50,9 @@ class Clouds:
         if (end - begin <= CHUNK) { begin = end; continue; }
         double low[3], size[3];
         for (int a = 0; a < 3; ++a) {
-            double least = point[3L * order[begin] + a], most = least;
+            double least = point[3LL * order[begin] + a], most = least;
             for (int i = begin + 1; i < end; ++i) {
-                const double v = point[3L * order[i] + a];
+                const double v = point[3LL * order[i] + a];
                 least = v < least ? v : least;
                 most = v > most ? v : most;
             }
@@ -69,7 +71,7 @@ class Clouds:
         const double scale = 1.0 / edge;
         for (int k = 0; k <= bins; ++k) place[k] = 0;
         for (int i = begin; i < end; ++i) {
-            const double *v = point + 3L * order[i];
+            const double *v = point + 3LL * order[i];
             const int x = (int)((v[0] - low[0]) * scale);
             int y = (int)((v[1] - low[1]) * scale), z = (int)((v[2] - low[2]) * scale);
             y = y < ny ? y : ny - 1; z = z < nz ? z : nz - 1;
@@ -95,13 +97,13 @@ def sort_points(clouds: Clouds, cloud: int): ...
 
 @wp.func_native(
     """
-    const long first = clouds.start.data[cloud];
+    const long long first = clouds.start.data[cloud];
     const int count = clouds.start.data[cloud + 1] - clouds.start.data[cloud];
     const double *__restrict point = clouds.point.data + 3 * first;
     const int *__restrict order = clouds.order.data + first;
-    const long all = clouds.group_start.data[clouds.group_start.shape[0] - 1];
+    const long long all = clouds.group_start.data[clouds.group_start.shape[0] - 1];
     const double infinity = __builtin_inf();
-    for (long group = clouds.group_start.data[cloud]; group < clouds.group_start.data[cloud + 1]; ++group) {
+    for (long long group = clouds.group_start.data[cloud]; group < clouds.group_start.data[cloud + 1]; ++group) {
         const int base = (int)(group - clouds.group_start.data[cloud]) * GROUP * CHUNK;
         double around[6] = {infinity, infinity, infinity, -infinity, -infinity, -infinity};
         double *__restrict bounds = clouds.chunk_bounds.data + group * 6 * GROUP;
@@ -114,7 +116,7 @@ def sort_points(clouds: Clouds, cloud: int): ...
                 const int k = order[from + i < count ? from + i : count - 1];
                 index[i] = k;
                 for (int a = 0; a < 3; ++a) {
-                    const double v = point[3L * k + a];
+                    const double v = point[3LL * k + a];
                     to[a * CHUNK + i] = v;
                     box[a] = v < box[a] ? v : box[a];
                     box[a + 3] = v > box[a + 3] ? v : box[a + 3];
@@ -148,8 +150,8 @@ def arrange_clouds(first: int, clouds: Clouds):
 @wp.func_native(
     """
 #pragma clang fp contract(off)
-    const long all = clouds.group_start.data[clouds.group_start.shape[0] - 1];
-    const long group_begin = clouds.group_start.data[other], group_end = clouds.group_start.data[other + 1];
+    const long long all = clouds.group_start.data[clouds.group_start.shape[0] - 1];
+    const long long group_begin = clouds.group_start.data[other], group_end = clouds.group_start.data[other + 1];
     const double *__restrict group_low = clouds.group_bounds.data, *__restrict group_high = group_low + 3 * all;
     const double infinity = __builtin_inf();
     const double *__restrict qx = clouds.chunk.data + chunk * 3 * CHUNK, *qy = qx + CHUNK, *qz = qy + CHUNK;
@@ -162,7 +164,7 @@ def arrange_clouds(first: int, clouds: Clouds):
     }
     for (int i = 0; i < CHUNK; ++i) { best[i] = infinity; who[i] = -1; }
     double worst = infinity;
-    auto visit = [&](long c) {
+    auto visit = [&](long long c) {
         const double *__restrict p = clouds.chunk.data + c * 3 * CHUNK;
         const long long *__restrict index = clouds.index.data + c * CHUNK;
         for (int j = 0; j < CHUNK; ++j) {
@@ -181,10 +183,12 @@ def arrange_clouds(first: int, clouds: Clouds):
         for (int i = 0; i < CHUNK; ++i) most = bits[i] > most ? bits[i] : most;
         __builtin_memcpy(&worst, &most, 8);
     };
-    auto apart = [&](const double *lows, const double *highs, long stride, long i) {
+    // Squared distance of two boxes, of a box and a point, from strided coordinates of their corners.
+    auto apart = [](const double *low, const double *high, long long s,
+                    const double *lows, const double *highs, long long t) {
         double sum = 0.0;
         for (int a = 0; a < 3; ++a) {
-            const double below = low[a] - highs[a * stride + i], above = lows[a * stride + i] - high[a];
+            const double below = low[a * s] - highs[a * t], above = lows[a * t] - high[a * s];
             double gap = below > above ? below : above;
             gap = gap > 0.0 ? gap : 0.0;
             sum += gap * gap;
@@ -192,16 +196,16 @@ def arrange_clouds(first: int, clouds: Clouds):
         return sum;
     };
     visit(guess);
-    long last = guess;
-    for (long base = group_begin; base < group_end; base += 64) {
+    long long last = guess;
+    for (long long base = group_begin; base < group_end; base += 64) {
         double far[64];
         const int some = group_end - base < 64 ? (int)(group_end - base) : 64;
-        for (int g = 0; g < some; ++g) far[g] = apart(group_low, group_high, all, base + g);
+        for (int g = 0; g < some; ++g) far[g] = apart(low, high, 1, group_low + base + g, group_high + base + g, all);
         for (int g = 0; g < some; ++g) {
             if (far[g] > worst) continue;
             const double *lows = clouds.chunk_bounds.data + (base + g) * 6 * GROUP, *highs = lows + 3 * GROUP;
             double near[GROUP];
-            for (int c = 0; c < GROUP; ++c) near[c] = apart(lows, highs, GROUP, c);
+            for (int c = 0; c < GROUP; ++c) near[c] = apart(low, high, 1, lows + c, highs + c, GROUP);
             int turn[GROUP], found = 0;
             for (int c = 0; c < GROUP; ++c) {
                 if (near[c] > worst || near[c] == infinity) continue;
@@ -211,18 +215,13 @@ def arrange_clouds(first: int, clouds: Clouds):
             }
             for (int t = 0; t < found; ++t) {
                 const int c = turn[t];
-                const long candidate = (base + g) * GROUP + c;
-                if (near[c] > worst || near[c] == infinity || candidate == guess) continue;
-                double bx[6];
-                for (int a = 0; a < 3; ++a) { bx[a] = lows[a * GROUP + c]; bx[a + 3] = highs[a * GROUP + c]; }
+                const long long candidate = (base + g) * GROUP + c;
+                if (near[c] > worst || candidate == guess) continue;
+                double box[6];
+                for (int a = 0; a < 6; ++a) box[a] = lows[a * GROUP + c];
                 int any = 0;
-                for (int i = 0; i < CHUNK; ++i) {
-                    double gx = bx[0] - qx[i] > qx[i] - bx[3] ? bx[0] - qx[i] : qx[i] - bx[3];
-                    double gy = bx[1] - qy[i] > qy[i] - bx[4] ? bx[1] - qy[i] : qy[i] - bx[4];
-                    double gz = bx[2] - qz[i] > qz[i] - bx[5] ? bx[2] - qz[i] : qz[i] - bx[5];
-                    gx = gx > 0.0 ? gx : 0.0; gy = gy > 0.0 ? gy : 0.0; gz = gz > 0.0 ? gz : 0.0;
-                    any |= gx * gx + gy * gy + gz * gz <= best[i];
-                }
+                for (int i = 0; i < CHUNK; ++i)
+                    any |= apart(qx + i, qx + i, CHUNK, box, box + 3, 1) <= best[i];
                 if (!any) continue;
                 const double before = worst;
                 visit(candidate);
@@ -230,24 +229,16 @@ def arrange_clouds(first: int, clouds: Clouds):
             }
         }
     }
-    const long first = clouds.start.data[cloud];
+    const long long first = clouds.start.data[cloud];
     for (int i = 0; i < CHUNK; ++i) {
-        const long to = first + clouds.index.data[chunk * CHUNK + i];
-        distance.data[to] = __builtin_sqrt(best[i]);
-        index.data[to] = (int)(who[i]);
+        const long long to = first + clouds.index.data[chunk * CHUNK + i];
+        clouds.distance.data[to] = __builtin_sqrt(best[i]);
+        clouds.nearest.data[to] = (int)(who[i]);
     }
     return last;
 """.replace("CHUNK", str(CHUNK)).replace("GROUP", str(GROUP))
 )
-def search_chunk(
-    clouds: Clouds,
-    cloud: int,
-    chunk: wp.int64,
-    other: int,
-    guess: wp.int64,
-    distance: wp.array[wp.float64],
-    index: wp.array[int],
-) -> wp.int64: ...
+def search_chunk(clouds: Clouds, cloud: int, chunk: wp.int64, other: int, guess: wp.int64) -> wp.int64: ...
 
 
 @wp.kernel
@@ -255,12 +246,10 @@ def search_clouds(
     first: int,
     clouds: Clouds,
     task: wp.array2d[int],  # (tasks, 4) cloud that searches, cloud that is searched, first chunk, chunk after the last
-    distance: wp.array[wp.float64],  # out (N,)
-    index: wp.array[int],  # out (N,)
 ):
     number = first + wp.tid()
     cloud = task[number, 0]
     other = task[number, 1]
     guess = wp.int64(clouds.group_start[other] * GROUP)
     for chunk in range(task[number, 2], task[number, 3]):
-        guess = search_chunk(clouds, cloud, wp.int64(chunk), other, guess, distance, index)
+        guess = search_chunk(clouds, cloud, wp.int64(chunk), other, guess)

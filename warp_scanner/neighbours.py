@@ -78,14 +78,14 @@ def _search(
     point_count, cloud_count = int(start[-1]), len(start) - 1
     distance, index = np.full(point_count, np.inf), np.full(point_count, -1, np.int32)
     search = _searches(start, table.group_start.numpy(), both_ways)
-    shared = [table, share(search, wp.int32)]
-    found = [share(distance, wp.float64), share(index, wp.int32)]
+    table.distance, table.nearest = share(distance, wp.float64), share(index, wp.int32)
+    task = share(search, wp.int32)
 
     def arrange(first: int, size: int) -> None:
         wp.launch(kernels.arrange_clouds, dim=size, inputs=[first, table], device="cpu")
 
     def look(first: int, size: int) -> None:
-        wp.launch(kernels.search_clouds, dim=size, inputs=[first, *shared], outputs=found, device="cpu")
+        wp.launch(kernels.search_clouds, dim=size, inputs=[first, table, task], device="cpu")
 
     share_out(arrange, cloud_count, threads)
     share_out(look, len(search), threads)

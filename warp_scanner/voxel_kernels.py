@@ -34,7 +34,7 @@ class Clouds:
 @wp.func_native(
     """
 #pragma clang fp contract(off)
-    const long first = clouds.start.data[cloud];
+    const long long first = clouds.start.data[cloud];
     const int count = clouds.start.data[cloud + 1] - clouds.start.data[cloud];
     double *__restrict point = clouds.point.data + 3 * first, *__restrict total = clouds.total.data + 4 * first;
     int *__restrict voxel = clouds.voxel.data + first;
@@ -44,12 +44,12 @@ class Clouds:
     if (count == 0) return 0;
     double least[3 * LANES], most[3 * LANES], low[3], cells[3];
     for (int k = 0; k < 3 * LANES; ++k) least[k] = most[k] = point[k % 3];
-    for (long i = 0; i < 3L * (count / LANES * LANES); i += 3 * LANES)
+    for (long long i = 0; i < 3LL * (count / LANES * LANES); i += 3 * LANES)
         for (int k = 0; k < 3 * LANES; ++k) {
             least[k] = point[i + k] < least[k] ? point[i + k] : least[k];
             most[k] = point[i + k] > most[k] ? point[i + k] : most[k];
         }
-    for (long i = 3L * (count / LANES * LANES); i < 3L * count; ++i) {
+    for (long long i = 3LL * (count / LANES * LANES); i < 3LL * count; ++i) {
         least[i % 3] = point[i] < least[i % 3] ? point[i] : least[i % 3];
         most[i % 3] = point[i] > most[i % 3] ? point[i] : most[i % 3];
     }
@@ -71,7 +71,7 @@ class Clouds:
     long long last = -1;
     for (int base = 0; base < count; base += LANES) {
         const int some = count - base < LANES ? count - base : LANES;
-        double *__restrict p = point + 3L * base;
+        double *__restrict p = point + 3LL * base;
         double cell[3 * LANES], within[3 * LANES];
         for (int k = 0; k < 3 * some; ++k) {
             cell[k] = __builtin_floor(p[k] / size + 0.5);
@@ -86,7 +86,7 @@ class Clouds:
                 if (table[k] < 0) {
                     table[k] = found;
                     key[found] = number;
-                    for (int a = 0; a < 4; ++a) total[4L * found + a] = 0.0;
+                    for (int a = 0; a < 4; ++a) total[4LL * found + a] = 0.0;
                     ++found;
                 }
                 v = table[k];
@@ -95,9 +95,9 @@ class Clouds:
             voxel[base + i] = v;
             for (int a = 0; a < 3; ++a) {
                 p[3 * i + a] = within[3 * i + a];
-                total[4L * v + a] += within[3 * i + a];
+                total[4LL * v + a] += within[3 * i + a];
             }
-            total[4L * v + 3] += 1.0;
+            total[4LL * v + 3] += 1.0;
         }
     }
     return found;
@@ -109,7 +109,7 @@ def sort_into_voxels(clouds: Clouds, cloud: int, size: wp.float64) -> int: ...
 @wp.func_native(
     """
 #pragma clang fp contract(off)
-    const long first = clouds.start.data[cloud];
+    const long long first = clouds.start.data[cloud];
     const int count = clouds.start.data[cloud + 1] - clouds.start.data[cloud];
     const double *__restrict local = clouds.point.data + 3 * first;
     const int *__restrict voxel = clouds.voxel.data + first;
@@ -117,12 +117,12 @@ def sort_into_voxels(clouds: Clouds, cloud: int, size: wp.float64) -> int: ...
     double *__restrict apart = clouds.apart.data + first, *__restrict least = clouds.least.data + first;
     int *__restrict kept = clouds.kept.data + first;
     for (int v = 0; v < found; ++v) {
-        for (int a = 0; a < 3; ++a) total[4L * v + a] /= total[4L * v + 3];
+        for (int a = 0; a < 3; ++a) total[4LL * v + a] /= total[4LL * v + 3];
         least[v] = __builtin_inf();
     }
     for (int i = 0; i < count; ++i) {
-        const double *mean = total + 4L * voxel[i];
-        const double x = local[3L * i] - mean[0], y = local[3L * i + 1] - mean[1], z = local[3L * i + 2] - mean[2];
+        const double *mean = total + 4LL * voxel[i];
+        const double x = local[3LL * i] - mean[0], y = local[3LL * i + 1] - mean[1], z = local[3LL * i + 2] - mean[2];
         apart[i] = __builtin_sqrt(x * x + y * y + z * z);
     }
     for (int i = 0; i < count; ++i) least[voxel[i]] = apart[i] < least[voxel[i]] ? apart[i] : least[voxel[i]];
