@@ -33,6 +33,8 @@ lint: setup
 bench: setup-peers
 	$(BIN)/python -m benchmarks.rays
 	$(BIN)/python -m benchmarks.triangles
+	$(BIN)/python -m benchmarks.neighbours
+	$(BIN)/python -m benchmarks.voxels
 	$(BIN)/python -m benchmarks.train
 
 clean:

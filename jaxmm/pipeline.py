@@ -15,11 +15,14 @@ from jaxmm.evaluate import RoomTruth
 from jaxmm.files import REMEDY, load_arrays, write_arrays
 from jaxmm.inputs import InputError
 from jaxmm.labels import filter_labels, heuristic_labels
-from jaxmm.preprocess import nearest_distance, object_filter, outlier_mask, structural_filter, voxel_downsample
+from jaxmm.preprocess import object_filter, outlier_mask, structural_filter
+from warp_scanner.neighbours import nearest
 from warp_scanner.pairs import PairConfig, Pairs, make_pairs, points_of
 from warp_scanner.rooms import RoomConfig
+from warp_scanner.scan import Scan
 from warp_scanner.scenes import STRUCTURE
 from warp_scanner.sensors import Pinhole
+from warp_scanner.voxels import thin_clouds
 
 ROOMS_AT_ONCE = 16
 UNCHANGED = "unchanged"
@@ -97,49 +100,76 @@ def clouds(config: Config, source: CloudSource, index: np.ndarray) -> Iterator[t
         for start in range(0, len(index), ROOMS_AT_ONCE):
             part = np.asarray(index[start : start + ROOMS_AT_ONCE])
             pairs = make_pairs(settings, part)
-            made = pool.map(lambda row, pairs=pairs: _cloud(config, source, pairs, row), range(len(part)))
-            for row, cloud in enumerate(made):
+            for row, cloud in enumerate(_clouds(config, source, pairs, pool)):
                 yield cloud, _truth(source, pairs, row, int(part[row]))
 
 
-def _cloud(config: Config, source: CloudSource, pairs: Pairs, row: int) -> LabelledCloud:
-    """Preprocess both scans of one pair and label the side that the scenario's model sees."""
-    dt, robot = (_preprocessed(config, pairs, scan, row) for scan in (pairs.dt, pairs.robot))
+def _clouds(config: Config, source: CloudSource, pairs: Pairs, pool: ThreadPoolExecutor) -> Iterator[LabelledCloud]:
+    """Preprocess both scans of every pair and label the side that the scenario's model sees."""
+    seen, other = (_preprocessed(config, pairs, scan, pool) for scan in (pairs.dt, pairs.robot))
+    if not source.scenario.endswith("removed"):
+        seen, other = other, seen
+    distances = _distances(config, seen, other)
+    return pool.map(lambda row: _labelled(config, source, pairs, row, seen[row], distances[row]), range(len(seen)))
+
+
+class Kept(NamedTuple):
+    """What is left of one scan after preprocessing."""
+
+    points: np.ndarray  # (N, 3) float32 [m] world frame
+    pixel: np.ndarray  # (N,) int64 ray that each point came from
+
+
+def _preprocessed(config: Config, pairs: Pairs, scan: Scan, pool: ThreadPoolExecutor) -> list[Kept]:
+    """What survives the filters of one side's scans, room by room."""
+    points = points_of(pairs.pose, pairs.directions, scan.distance)
+    filtered = list(pool.map(lambda row: _filtered(config, scan, points, row), range(len(points))))
+    chosen = thin_clouds([kept.points for kept in filtered], config.preprocess.voxel_size)
+    thinned = [Kept(*(field[indices] for field in kept)) for kept, indices in zip(filtered, chosen, strict=True)]
+    if not config.preprocess.outlier_removal:
+        return thinned
+    outliers = pool.map(lambda kept: outlier_mask(kept.points), thinned)
+    return [Kept(*(field[~mask] for field in kept)) for kept, mask in zip(thinned, outliers, strict=True)]
+
+
+def _filtered(config: Config, scan: Scan, points: np.ndarray, row: int) -> Kept:
+    """The returns of one scan (R, P, 3) that the object filter lets through."""
+    settings, height = config.preprocess, room_config(config).size[2]
+    pixel = np.flatnonzero(np.isfinite(scan.distance[row]))
+    if settings.object_filter == "height":
+        keep = object_filter(
+            points[row, pixel], scan.element[row, pixel], -height / 2, height / 2, threshold=settings.filter_height
+        )
+        pixel = pixel[keep]
+    elif settings.object_filter == "semantic":
+        pixel = pixel[structural_filter(scan.semantic[row, pixel], STRUCTURE)]
+    return Kept(points[row, pixel], pixel)
+
+
+def _distances(config: Config, seen: list[Kept], other: list[Kept]) -> list[np.ndarray]:
+    """Distance (N,) float32 [m] of each point to the other cloud of its pair, measured in float64."""
+    # Where the sensor faces a wall so closely that nothing it sees counts as structure, all is far from nothing.
+    farthest = np.linalg.norm(room_config(config).size)
+    found = nearest([kept.points for kept in seen], [kept.points for kept in other])
+    return [np.where(near.index >= 0, near.distance, farthest).astype(np.float32) for near in found]
+
+
+def _labelled(
+    config: Config, source: CloudSource, pairs: Pairs, row: int, kept: Kept, distance: np.ndarray
+) -> LabelledCloud:
+    """The cloud of one room with its labels and the truth about every point."""
+    points, pixel = kept
     removed = source.scenario.endswith("removed")
-    (points, pixel), (other, _) = (dt, robot) if removed else (robot, dt)
     scan, changed, testable = (
         (pairs.dt, pairs.changed_dt, pairs.testable_dt)
         if removed
         else (pairs.robot, pairs.changed_robot, pairs.testable_robot)
     )
     element = scan.element[row, pixel]
-    if len(other):
-        distance = nearest_distance(points, other)
-    else:  # the sensor faces a wall so closely that nothing it sees counts as structure: all is far from nothing
-        distance = np.full(len(points), np.linalg.norm(room_config(config).size), np.float32)
     heuristic = heuristic_labels(distance, config.preprocess.label_distance)
     if removed and config.preprocess.label_filter in (source.condition, "always"):
         heuristic = filter_labels(points, element, heuristic, source.scenario.split("_")[0])
     return LabelledCloud(points, distance, element, heuristic, changed[row, pixel], testable[row, pixel])
-
-
-def _preprocessed(config: Config, pairs: Pairs, scan, row: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 3) float32 of one scan that survive the filters, and the pixels (N,) they came from."""
-    settings, height = config.preprocess, room_config(config).size[2]
-    pose = type(pairs.pose)(*(field[row : row + 1] for field in pairs.pose))
-    points = points_of(pose, pairs.directions, scan.distance[row : row + 1])[0]
-    pixel = np.flatnonzero(np.isfinite(scan.distance[row]))
-    if settings.object_filter == "height":
-        keep = object_filter(
-            points[pixel], scan.element[row, pixel], -height / 2, height / 2, threshold=settings.filter_height
-        )
-        pixel = pixel[keep]
-    elif settings.object_filter == "semantic":
-        pixel = pixel[structural_filter(scan.semantic[row, pixel], STRUCTURE)]
-    pixel = pixel[voxel_downsample(points[pixel], settings.voxel_size)]
-    if settings.outlier_removal:
-        pixel = pixel[~outlier_mask(points[pixel])]
-    return points[pixel], pixel
 
 
 def _truth(source: CloudSource, pairs: Pairs, row: int, index: int) -> RoomTruth:

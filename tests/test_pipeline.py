@@ -10,7 +10,8 @@ from jaxmm.batches import LabelledCloud
 from jaxmm.config import CONDITIONS, SCENARIOS, Config, DataConfig, PreprocessConfig, ScanConfig, TrainConfig
 from jaxmm.metrics import point_metrics
 from jaxmm.pipeline import UNCHANGED, CloudSource
-from warp_scanner.pairs import make_pairs
+from jaxmm.preprocess import nearest_distance, object_filter, voxel_downsample
+from warp_scanner.pairs import make_pairs, points_of
 from warp_scanner.scenes import PILLAR, WALL
 
 CONFIG = Config(scan=ScanConfig(width=160, height=100))
@@ -160,6 +161,20 @@ def test_preprocessing_does_what_the_settings_say(settings):
         elif settings["object_filter"] == "semantic":
             structure = pairs.robot.element[room][np.isin(pairs.robot.semantic[room], (1, 2, 3, 4, 5))]
             assert set(kept) <= set(structure) and len(kept) < len(seen)
+
+
+def test_many_rooms_at_once_are_preprocessed_as_one_by_one_by_the_reference():
+    where = source("pillar_removed", "occluded")
+    pairs = make_pairs(pipeline.pair_config(CONFIG, where), np.arange(5))
+    for room, (cloud, _) in enumerate(made(CONFIG, where, range(5))):
+        sides = []
+        for scan in (pairs.dt, pairs.robot):
+            points = points_of(pairs.pose, pairs.directions, scan.distance)[room]
+            pixel = np.flatnonzero(np.isfinite(scan.distance[room]))
+            pixel = pixel[object_filter(points[pixel], scan.element[room, pixel], -1.5, 1.5)]
+            sides.append(points[pixel[voxel_downsample(points[pixel])]])
+        np.testing.assert_array_equal(cloud.points, sides[0])
+        np.testing.assert_array_equal(cloud.distance, nearest_distance(*sides))
 
 
 def test_stored_clouds_equal_fresh_ones(tmp_path):

@@ -1,0 +1,103 @@
+"""One real point per 0.1 m voxel, beside Open3D's voxel_down_sample, which answers with means, on the same clouds.
+
+    python -m benchmarks.voxels [--json FILE]        half a minute; needs the `peers` extra
+
+The clouds are raw scans of generated rooms. One at a time, ours runs on one thread as Open3D does; as a batch it shares
+the clouds out over 2 threads, and so does a thread pool for Open3D. Open3D gets its point clouds made before the clock
+starts; ours takes the float32 arrays as they are. Exactness: how many choices are those of the reference in NumPy.
+"""
+
+import argparse
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.room_clouds import VOXEL, scanned_pairs
+from benchmarks.timing import measure_in_turns, write_report
+from jaxmm.preprocess import voxel_downsample
+from warp_scanner.voxels import thin_clouds
+
+THREADS = 2
+PEER = "Open3D voxel_down_sample (means)"
+
+
+def rows_of(clouds: list[np.ndarray], repeat: int) -> list[dict]:
+    """One row for clouds one at a time on one thread, one for all of them as a batch on two."""
+    import open3d
+
+    theirs = [open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud.astype(np.float64))) for cloud in clouds]
+
+    def singly():
+        return [thin_clouds([cloud], VOXEL, threads=1)[0] for cloud in clouds]
+
+    def together():
+        return thin_clouds(clouds, VOXEL, THREADS)
+
+    def peer_singly():
+        return [cloud.voxel_down_sample(VOXEL) for cloud in theirs]
+
+    def peer_together():
+        with ThreadPoolExecutor(THREADS) as pool:
+            return list(pool.map(lambda cloud: cloud.voxel_down_sample(VOXEL), theirs))
+
+    same = [
+        np.array_equal(kept, voxel_downsample(cloud, VOXEL)) for kept, cloud in zip(together(), clouds, strict=True)
+    ]
+    contestants = {"one at a time, 1 thread": (singly, peer_singly), "a batch, 2 threads": (together, peer_together)}
+    timings = measure_in_turns([function for both in contestants.values() for function in both], repeat)
+    rows = []
+    for number, case in enumerate(contestants):
+        ours, peer = timings[2 * number : 2 * number + 2]
+        rows.append(
+            {
+                "case": f"{len(clouds)} clouds, {case}",
+                "ours": round(ours.median / len(clouds) * 1e3, 3),
+                "peer": round(peer.median / len(clouds) * 1e3, 3),
+                "peer_name": PEER,
+                "unit": "ms/cloud",
+                "ratio": round(peer.median / ours.median, 2),
+                "ours_first_call_s": round(ours.first, 3),
+                "peer_first_call_s": round(peer.first, 3),
+                "points_mean": round(float(np.mean([len(cloud) for cloud in clouds]))),
+                "voxels_mean": round(float(np.mean([len(kept) for kept in together()]))),
+                "same_as_reference_share": float(np.mean(same)),
+            }
+        )
+    return rows
+
+
+def first_call() -> float:
+    """Seconds of the first call of this process: fetching the kernels, or compiling them when the cache is empty."""
+    return measure_in_turns([lambda: thin_clouds([np.zeros((1, 3))])], repeat=1)[0].first
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    options = parser.parse_args()
+    try:
+        import open3d  # noqa: F401
+    except ImportError:
+        print(
+            "benchmarks.voxels needs open3d to compare with, and it is not installed: run `make setup-peers`",
+            file=sys.stderr,
+        )
+        return 2
+    start = first_call()
+    print(f"first thinning of this process, kernels fetched or compiled: {start:.2f} s")
+    rows = rows_of([cloud for pair in scanned_pairs(0, 16) for cloud in pair], repeat=15)
+    for row in rows:
+        print(
+            f"{row['case']:38} ours {row['ours']:6.3f}  Open3D {row['peer']:6.3f} {row['unit']}"
+            f"  ratio {row['ratio']:5.2f}  {row['points_mean']} points to {row['voxels_mean']}"
+        )
+    print(f"    the same points as the reference in {rows[0]['same_as_reference_share']:.2%} of the clouds")
+    if options.json:
+        write_report(options.json, rows, "open3d", "warp-lang", "numpy", kernel_first_call_s=start)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

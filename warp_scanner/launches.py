@@ -1,0 +1,87 @@
+"""How kernels are fetched, fed and shared out on the CPU, where a launch runs on one core."""
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from types import ModuleType
+
+import numpy as np
+import warp as wp
+
+from warp_scanner.quiet import start_quietly
+
+wp.config.log_level = wp.LOG_WARNING
+
+_loading = threading.Lock()
+_PIECES_PER_THREAD = 8  # enough to even out pieces that take longer
+
+FARTHEST = 1e15  # [m] coordinates beyond this are taken for mistakes; squares of differences stay finite
+
+
+def load(kernels: ModuleType) -> None:
+    """Compile (or fetch) a file of kernels once, before threads could try to do so at the same time."""
+    with _loading:
+        start_quietly()
+        wp.load_module(kernels, device="cpu")
+
+
+def share(array: np.ndarray, dtype: type) -> wp.array:
+    """A contiguous array as Warp sees it, in the same memory."""
+    return wp.array(array, dtype=dtype, device="cpu", copy=False)
+
+
+def share_out(launch: Callable[[int, int], None], count: int, threads: int) -> None:
+    """Call launch(first, size) for pieces of `count`; one when there is one thread.
+
+    A launch on the CPU runs on one core and releases the interpreter lock, so threads share the pieces out.
+    """
+    if threads == 1:
+        launch(0, count)
+        return
+    size = max(1, count // (_PIECES_PER_THREAD * threads))
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(lambda first: launch(first, min(size, count - first)), range(0, count, size)))
+
+
+def thread_count(threads: int | None) -> int:
+    """How many threads to use; by default as many as the machine has cores."""
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads must be at least 1, got {threads}")
+    return threads or os.cpu_count() or 1
+
+
+def parts_of(sizes: np.ndarray, most: int) -> list[slice]:
+    """Consecutive items in parts whose sizes add up to at most `most`, but where one item alone is larger."""
+    parts, begin, total = [], 0, 0
+    for item, size in enumerate(sizes):
+        if item > begin and total + size > most:
+            parts.append(slice(begin, item))
+            begin, total = item, 0
+        total += size
+    return [*parts, slice(begin, len(sizes))] if len(sizes) else []
+
+
+def check_cloud(points: np.ndarray, name: str) -> np.ndarray:
+    """The points as an array, once they are (N, 3) and finite.
+
+    Raises:
+        ValueError: they are not, or a coordinate is beyond 1e15 m.
+    """
+    points = np.asarray(points)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"{name} must be (N, 3), got {points.shape}")
+    if len(points) and not (points.min() > -FARTHEST and points.max() < FARTHEST):  # no comparison with NaN holds
+        raise ValueError(f"{name} must be finite and within {FARTHEST:g} m, got {points.min()} to {points.max()}")
+    return points
+
+
+def joined(clouds: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Points of all clouds one after the other, (3 N,) float64, and where each begins, (clouds + 1,) int32."""
+    start = starts_of([len(cloud) for cloud in clouds])
+    return np.concatenate([np.zeros((0, 3)), *clouds], dtype=np.float64).ravel(), start
+
+
+def starts_of(counts: list[int] | np.ndarray) -> np.ndarray:
+    """Where each of several runs begins, and the end of the last: (runs + 1,) int32."""
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
