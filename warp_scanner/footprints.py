@@ -3,11 +3,19 @@
 R rooms, N or M rectangles. Plan view of the world frame, metres.
 """
 
+import threading
 from typing import NamedTuple
 
 import numpy as np
+import warp as wp
 
+from warp_scanner import footprint_kernels
+from warp_scanner.quiet import start_quietly
 from warp_scanner.scenes import CEILING, FLOOR, GAP, Primitives
+
+wp.config.log_level = wp.LOG_WARNING
+
+_loading = threading.Lock()
 
 
 class Footprints(NamedTuple):
@@ -72,19 +80,56 @@ def inside(footprints: Footprints, half_extent: np.ndarray) -> np.ndarray:
     return np.all(np.abs(footprints.center) + reach <= half_extent, axis=-1)
 
 
-def thin_out(footprints: Footprints, gap: float, rounds: int = 2) -> np.ndarray:
-    """Which rectangles stay so that all that stay are at least `gap` apart; earlier slots go first.
+def settle(footprints: Footprints, others: Footprints, gap: float, apart: float, rounds: int = 2) -> np.ndarray:
+    """Which rectangles stay, more than `gap` from the others and at least `apart` from each other; the first go first.
 
-    A rectangle leaves when it crowds an earlier one (Matern's second hard-core process, without a loop over objects);
-    later rounds readmit what only crowded others that left.
+    Among those clear of the others, a rectangle leaves when it crowds an earlier one (Matern's second hard-core
+    process, without an order of its own); later rounds readmit what only crowded others that left.
 
     Returns:
         (R, N) bool.
     """
-    crowded = gaps(footprints, footprints) < gap
-    earlier = np.tri(crowded.shape[1], k=-1, dtype=bool)
-    stays = np.zeros_like(footprints.valid)
-    for _ in range(rounds):
-        waiting = footprints.valid & ~stays & ~np.any(crowded & stays[:, None], axis=2)
-        stays |= waiting & ~np.any(crowded & earlier & waiting[:, None], axis=2)
+    stays = np.zeros(footprints.valid.shape, bool)
+    # The kernel marks what is not clear of the others in its own copy.
+    inputs = [*_shared(footprints._replace(valid=footprints.valid.copy())), *_shared(others), gap, apart, rounds]
+    _launch(footprint_kernels.settle, len(stays), [*inputs, _share(np.zeros_like(stays), wp.bool)], stays, wp.bool)
     return stays
+
+
+def first_clear(footprints: Footprints, others: Footprints, gap: float) -> np.ndarray:
+    """(R,) int32: the first rectangle of each room that is more than `gap` away from all others; -1 where none is."""
+    first = np.zeros(len(footprints.valid), np.int32)
+    inputs = [*_shared(footprints), *_shared(others), gap]
+    _launch(footprint_kernels.first_clear, len(first), inputs, first, wp.int32)
+    return first
+
+
+def first_clear_point(points: np.ndarray, others: Footprints, gap: float) -> np.ndarray:
+    """(R,) int32: the first of the points (R, M, 2) that is more than `gap` away from all rectangles, else -1."""
+    first = np.zeros(len(points), np.int32)
+    rectangles = _shared(others)
+    inputs = [_share(points.astype(np.float64, copy=False), wp.float64), *rectangles, gap]
+    _launch(footprint_kernels.first_clear_point, len(first), inputs, first, wp.int32)
+    return first
+
+
+def _launch(kernel: wp.Kernel, room_count: int, inputs: list, output: np.ndarray, dtype: type) -> None:
+    if output.size == 0:
+        return
+    wp.launch(kernel, dim=room_count, inputs=inputs, outputs=[_share(output, dtype)], device="cpu")
+
+
+def _shared(footprints: Footprints) -> tuple[wp.array, wp.array]:
+    """Rectangles as the kernels want them: (R, N, 6) numbers, and (R, N) which are there."""
+    with _loading:  # before threads could try to compile the kernels at the same time
+        start_quietly()
+        wp.load_module(footprint_kernels, device="cpu")
+    packed = np.zeros((*footprints.valid.shape, 6))
+    packed[..., 0:2], packed[..., 2:4] = footprints.center, footprints.half_size
+    packed[..., 4], packed[..., 5] = np.cos(footprints.yaw), np.sin(footprints.yaw)
+    return _share(packed, wp.float64), _share(footprints.valid, wp.bool)
+
+
+def _share(array: np.ndarray, dtype: type) -> wp.array:
+    """The array as Warp sees it, in the same memory."""
+    return wp.array(np.ascontiguousarray(array), dtype=dtype, ndim=array.ndim, device="cpu", copy=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 GAP, BOX, CYLINDER = 0, 1, 2  # kinds of primitives; a gap is an empty slot
 
-NOTHING, FLOOR, CEILING, WALL, PILLAR, DOOR, TABLE, CHAIR = range(8)  # semantic classes
+NOTHING, FLOOR, CEILING, WALL, PILLAR, DOOR, TABLE, CHAIR, CABINET, CARTON, PERSON = range(11)  # semantic classes
 STRUCTURE = (FLOOR, CEILING, WALL, PILLAR, DOOR)
 
 

@@ -66,38 +66,43 @@ class Standing:
     height: float = 1.0  # [m] above the floor
     gap: float = 0.3  # [m] at least, to anything that stands in the room
     tries: int = 32  # places drawn before giving up on a room
+    height_spread: float = 0.0  # [m] the height is drawn up to this above or below
+    pitch_spread: float = 0.0  # [deg] the pitch is drawn up to this above or below level
 
 
 def draw_poses(
-    primitives: Primitives, size: tuple[float, float, float], standing: Standing, key: np.ndarray
+    primitives: Primitives, size: tuple[float, float, float] | np.ndarray, standing: Standing, key: np.ndarray
 ) -> tuple[Pose, np.ndarray]:
-    """Level poses at random free places, looking anywhere.
+    """Poses at random free places, looking anywhere.
 
     Args:
         primitives: everything that stands in the R rooms.
-        size: (x, y, z) [m] inside of the shell, centred on the origin.
-        standing: height, gap and number of tries.
+        size: (x, y, z) or (R, 3) [m] inside of the shells, centred on the origin.
+        standing: height, gap, number of tries, and spreads.
         key: (R,) uint64 from draws.keys.
 
     Returns:
         The poses, and (R,) bool: False where no free place was found and the pose means nothing.
     """
-    place = [
-        draws.between(
-            key, f"sensor {axis}", (standing.gap - size[axis] / 2, size[axis] / 2 - standing.gap), standing.tries
-        )
-        for axis in (0, 1)
-    ]
+    size = np.broadcast_to(np.asarray(size, np.float64), (len(key), 3))
+    place = []
+    for axis in (0, 1):
+        reach = size[:, axis, None] / 2 - standing.gap
+        place.append((reach - -reach) * draws.uniform(key, f"sensor {axis}", standing.tries) - reach)
     place = np.stack(place, axis=-1)
-    distance = footprints.point_distance(place, footprints.of_primitives(primitives))
     # A hair more than the gap, so that it still holds once the place is rounded to float32.
-    free = np.min(distance, axis=2) > standing.gap + 1e-5
-    first = np.argmax(free, axis=1)
+    first = footprints.first_clear_point(place, footprints.of_primitives(primitives), standing.gap + 1e-5)
     rooms = np.arange(len(key))
-    height = np.full(len(key), standing.height - size[2] / 2)
+    height = standing.height + standing.height_spread * draws.between(key, "sensor height", (-1.0, 1.0), 1)[:, 0]
+    # Floor and ceiling are kept away from too, where the room is high enough.
+    height = np.clip(
+        height, np.minimum(standing.gap, size[:, 2] / 2), np.maximum(size[:, 2] - standing.gap, size[:, 2] / 2)
+    )
+    height -= size[:, 2] / 2
     position = np.column_stack([place[rooms, first], height]).astype(np.float32)
     yaw = draws.between(key, "sensor yaw", (-180.0, 180.0), 1)[:, 0].astype(np.float32)
-    return Pose(position, yaw, np.zeros_like(yaw)), free[rooms, first]
+    pitch = 0.0 + standing.pitch_spread * draws.between(key, "sensor pitch", (-1.0, 1.0), 1)[:, 0]
+    return Pose(position, yaw, pitch.astype(np.float32)), first >= 0
 
 
 def add_range_noise(distance: np.ndarray, sigma: float, seed: int, index: np.ndarray) -> np.ndarray:
