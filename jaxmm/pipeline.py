@@ -116,7 +116,7 @@ def _cloud(config: Config, source: CloudSource, pairs: Pairs, row: int) -> Label
     if len(other):
         distance = nearest_distance(points, other)
     else:  # the sensor faces a wall so closely that nothing it sees counts as structure: all is far from nothing
-        distance = np.full(len(points), np.linalg.norm(room_config(config).size), np.float32)
+        distance = np.full(len(points), np.linalg.norm(pairs.size[row]), np.float32)
     heuristic = heuristic_labels(distance, config.preprocess.label_distance)
     if removed and config.preprocess.label_filter in (source.condition, "always"):
         heuristic = filter_labels(points, element, heuristic, source.scenario.split("_")[0])
@@ -125,7 +125,7 @@ def _cloud(config: Config, source: CloudSource, pairs: Pairs, row: int) -> Label
 
 def _preprocessed(config: Config, pairs: Pairs, scan, row: int) -> tuple[np.ndarray, np.ndarray]:
     """Points (N, 3) float32 of one scan that survive the filters, and the pixels (N,) they came from."""
-    settings, height = config.preprocess, room_config(config).size[2]
+    settings, height = config.preprocess, float(pairs.size[row, 2])
     pose = type(pairs.pose)(*(field[row : row + 1] for field in pairs.pose))
     points = points_of(pose, pairs.directions, scan.distance[row : row + 1])[0]
     pixel = np.flatnonzero(np.isfinite(scan.distance[row]))
@@ -144,8 +144,11 @@ def _preprocessed(config: Config, pairs: Pairs, scan, row: int) -> tuple[np.ndar
 
 def _truth(source: CloudSource, pairs: Pairs, row: int, index: int) -> RoomTruth:
     box = pairs.box
-    truth = Box(source.scenario.split("_")[0], box.center[row], box.size[row], float(box.yaw[row]))
-    return RoomTruth(index, truth, float(pairs.observable_fraction[row]))
+    if box.yaw.shape[1] == 0:  # nothing changed
+        nowhere = np.full(3, np.nan, np.float32)
+        return RoomTruth(index, Box(source.scenario.split("_")[0], nowhere, nowhere, np.nan), np.nan)
+    truth = Box(source.scenario.split("_")[0], box.center[row, 0], box.size[row, 0], float(box.yaw[row, 0]))
+    return RoomTruth(index, truth, float(pairs.observable_fraction[row, 0]))
 
 
 def cached_clouds(config: Config, source: CloudSource, count: int, path: Path) -> Iterator[LabelledCloud]:

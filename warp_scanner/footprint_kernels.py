@@ -34,7 +34,7 @@ def axis_gap(
 
 @wp.func
 def gap_between(a: wp.array2d[wp.float64], n: int, b: wp.array2d[wp.float64], m: int) -> wp.float64:
-    """Gap along the best separating axis, as footprints.gaps."""
+    """Gap along the best separating axis: never more than the true distance, negative where the two overlap."""
     x = b[m, CENTER_X] - a[n, CENTER_X]
     y = b[m, CENTER_Y] - a[n, CENTER_Y]
     cosine = wp.abs(a[n, COSINE] * b[m, COSINE] + a[n, SINE] * b[m, SINE])

@@ -38,38 +38,14 @@ def of_primitives(primitives: Primitives) -> Footprints:
     return Footprints(primitives.center[..., :2], primitives.half_size[..., :2], primitives.yaw, valid)
 
 
-def gaps(a: Footprints, b: Footprints) -> np.ndarray:
-    """Gap between each rectangle of `a` and each of `b` along the best separating axis.
-
-    Returns:
-        (R, N, M) float [m]: never more than the true distance, negative where the two overlap, inf beside a gap slot.
-    """
-    yaw_a, yaw_b = a.yaw[:, :, None], b.yaw[:, None]
-    x, y = (b.center[:, None, :, axis] - a.center[:, :, None, axis] for axis in (0, 1))
-    half_a = (a.half_size[:, :, None, 0], a.half_size[:, :, None, 1])
-    half_b = (b.half_size[:, None, :, 0], b.half_size[:, None, :, 1])
-    cosine, sine = np.abs(np.cos(yaw_b - yaw_a)), np.abs(np.sin(yaw_b - yaw_a))
-    gap = np.maximum(_axis_gaps(x, y, yaw_a, half_a, half_b, (cosine, sine)),
-                     _axis_gaps(x, y, yaw_b, half_b, half_a, (cosine, sine)))  # fmt: skip
-    return np.where(a.valid[:, :, None] & b.valid[:, None], gap, np.inf)
-
-
-def _axis_gaps(x, y, yaw, own, other, turn) -> np.ndarray:
-    """The larger gap along the two axes of the rectangle whose yaw and half sizes are `yaw` and `own`."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    along = np.abs(cosine * x + sine * y) - own[0] - (other[0] * turn[0] + other[1] * turn[1])
-    across = np.abs(cosine * y - sine * x) - own[1] - (other[0] * turn[1] + other[1] * turn[0])
-    return np.maximum(along, across)
-
-
-def point_distance(points: np.ndarray, footprints: Footprints) -> np.ndarray:
-    """Distance (R, M, N) [m] of points (R, M, 2) to rectangles: 0 inside, inf for gaps."""
-    x, y = (points[:, :, None, axis] - footprints.center[:, None, :, axis] for axis in (0, 1))
-    cosine, sine = np.cos(footprints.yaw)[:, None], np.sin(footprints.yaw)[:, None]
-    along = np.abs(cosine * x + sine * y) - footprints.half_size[:, None, :, 0]
-    across = np.abs(cosine * y - sine * x) - footprints.half_size[:, None, :, 1]
+def point_distance(point: np.ndarray, footprints: Footprints) -> np.ndarray:
+    """Distance (R, N) [m] of one point (R, 2) of each room to the rectangles: 0 inside, inf for gaps."""
+    x, y = (point[:, axis, None] - footprints.center[..., axis] for axis in (0, 1))
+    cosine, sine = np.cos(footprints.yaw), np.sin(footprints.yaw)
+    along = np.abs(cosine * x + sine * y) - footprints.half_size[..., 0]
+    across = np.abs(cosine * y - sine * x) - footprints.half_size[..., 1]
     distance = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
-    return np.where(footprints.valid[:, None], distance, np.inf)
+    return np.where(footprints.valid, distance, np.inf)
 
 
 def inside(footprints: Footprints, half_extent: np.ndarray) -> np.ndarray:

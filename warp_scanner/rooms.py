@@ -16,7 +16,7 @@ from warp_scanner import draws, footprints
 from warp_scanner.clutter import ClutterConfig, build_clutter, spread_clutter
 from warp_scanner.footprints import Footprints
 from warp_scanner.furniture import FurnitureConfig, build_furniture, chosen_places, spread_furniture
-from warp_scanner.scenes import BOX, CEILING, CYLINDER, FLOOR, PILLAR, WALL, Primitives, Tags, join, solids
+from warp_scanner.scenes import BOX, CEILING, CYLINDER, FLOOR, PILLAR, WALL, Primitives, Tags, join, solids, take_slots
 from warp_scanner.settings import Range, check_settings
 from warp_scanner.sites import Site
 from warp_scanner.walls import WallConfig, cut_doors, draw_walls, wall_footprints
@@ -121,7 +121,39 @@ def make_rooms(
     return Primitives(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
 
 
-def _make_rooms(config: RoomConfig, key: np.ndarray) -> Primitives:
+def rearranged(config: RoomConfig, seed: int, index: np.ndarray, variant: np.ndarray | int = 0) -> Primitives:
+    """The furniture and clutter of the same rooms, the same pieces at other places; what no longer fits is gone.
+
+    Args: as make_rooms.
+
+    Returns:
+        A table of the last `furniture_slots(config)` slots of make_rooms; structure is left out.
+    """
+    index = np.asarray(index)
+    variant = np.broadcast_to(np.asarray(variant), index.shape)
+    key, place_key = draws.keys(seed, index, variant), draws.keys(seed, index, variant, 1)
+    slots = slice(-furniture_slots(config), None)
+    parts = [
+        take_slots(_make_rooms(config, key[s : s + _ROOMS_AT_ONCE], place_key[s : s + _ROOMS_AT_ONCE]), slots)
+        for s in range(0, max(len(key), 1), _ROOMS_AT_ONCE)
+    ]
+    return Primitives(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
+
+
+def furniture_slots(config: RoomConfig) -> int:
+    """How many of the slots of make_rooms, the last ones, are there for furniture and clutter."""
+    parts = (
+        (5, config.table_limit),
+        (6, config.chair_limit),
+        (1, config.cabinet_limit),
+        (2, config.carton_limit),
+        (4, config.person_limit),
+    )
+    return sum(primitives * limit for primitives, limit in parts)
+
+
+def _make_rooms(config: RoomConfig, key: np.ndarray, place_key: np.ndarray | None = None) -> Primitives:
+    place_key = key if place_key is None else place_key
     site, corner = _site(config, key)
     element = _SHELL + corner.kind.shape[1]
     walls = draw_walls(config, site)
@@ -133,7 +165,7 @@ def _make_rooms(config: RoomConfig, key: np.ndarray) -> Primitives:
     element += config.pillar_count
     structure_marks = footprints.join(structure_marks, pillar_marks)
 
-    furniture, clutter = spread_furniture(config, site, key), spread_clutter(config, site, key)
+    furniture, clutter = spread_furniture(config, site, place_key), spread_clutter(config, site, place_key)
     marks = footprints.join(*furniture, *clutter)
     stays = _settled(site, marks, structure_marks)
     ends = np.cumsum([kind.valid.shape[1] for kind in (*furniture, *clutter)])[:-1]
