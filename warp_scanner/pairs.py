@@ -16,7 +16,8 @@ from warp_scanner.scan import Rays, Scan, cast_rays, cast_slots
 from warp_scanner.scenarios import SceneConfig, Scenes, TrueBox, make_scenes
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Pinhole, Pose, Standing, add_range_noise, rotation_of
 
-_ROOMS_AT_ONCE = 16  # bounds the memory of what is only needed on the way
+_SCENES_AT_ONCE = 64  # scenes are drawn together, so that few of them wait for the last
+_SCANS_AT_ONCE = 16  # bounds the memory of what is only needed on the way
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,13 +128,13 @@ def make_pairs(config: PairConfig, index: np.ndarray, threads: int | None = None
     if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer) or np.any(index < 0):
         raise ValueError(f"index must be (R,) integers of at least 0, got {index.dtype} {index.shape}")
     threads = threads or os.cpu_count() or 1
-    size = max(1, min(_ROOMS_AT_ONCE, -(-len(index) // threads)))
+    size = max(1, min(_SCENES_AT_ONCE, -(-len(index) // threads)))
     starts = range(0, max(len(index), 1), size)
     with ThreadPoolExecutor(threads) as pool:
         # Rooms are shared out first; only a lone part leaves threads for its rays.
         inner = threads if len(starts) == 1 else 1
         parts = list(pool.map(lambda start: _make_pairs(config, index[start : start + size], inner), starts))
-    return _joined(parts)
+    return _joined([part for few in parts for part in few])
 
 
 def points_of(pose: Pose, directions: np.ndarray, distance: np.ndarray) -> np.ndarray:
@@ -143,9 +144,23 @@ def points_of(pose: Pose, directions: np.ndarray, distance: np.ndarray) -> np.nd
     return pose.position[:, None] + reach[..., None] * (directions[None] @ rotation.transpose(0, 2, 1))
 
 
-def _make_pairs(config: PairConfig, index: np.ndarray, threads: int) -> Pairs:
+def _make_pairs(config: PairConfig, index: np.ndarray, threads: int) -> list[Pairs]:
     scenes = make_scenes(config.scene, config.seed, index, threads)
     directions = config.sensor.directions()
+    parts = [slice(start, start + _SCANS_AT_ONCE) for start in range(0, max(len(index), 1), _SCANS_AT_ONCE)]
+    return [_scanned(config, _rows(scenes, part), (index[part], directions), threads) for part in parts]
+
+
+def _rows(arrays, rows: slice):
+    """The given rooms of a tuple of arrays, however deep."""
+    if isinstance(arrays, tuple):
+        return type(arrays)(*(_rows(field, rows) for field in arrays))
+    return arrays[rows]
+
+
+def _scanned(config: PairConfig, scenes: Scenes, which: tuple[np.ndarray, np.ndarray], threads: int) -> Pairs:
+    """Both scans of some scenes, given their room numbers and the sensor's directions."""
+    index, directions = which
     true_pose = _true_pose(config, scenes.pose, index)
     assumed, true = (
         Rays(pose.position, directions, rotation_of(pose.yaw, pose.pitch)) for pose in (scenes.pose, true_pose)

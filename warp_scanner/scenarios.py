@@ -5,6 +5,7 @@ outcome depends on nothing but its seed and index. R rooms, K slots of primitive
 """
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ MULTI_SCENARIOS = tuple(name for name in PARTS if name not in (*SCENARIOS, "unch
 CONDITIONS = ("clean", "occluded")
 
 _ATTEMPT_LIMIT = 2000
+_AHEAD = 8  # attempts at once, at most
 _COARSE = 4  # the preview casts every 4th column and row of the grid that counts
 
 
@@ -120,16 +122,22 @@ def make_scenes(config: SceneConfig, seed: int, index: np.ndarray, threads: int 
     parts = [_attempt(config, (seed, index[:0], 0), nobody, threads)]  # gives a call without rooms its shapes
     pending, attempt = np.arange(len(index)), 0
     while len(pending):
-        if attempt == _ATTEMPT_LIMIT:
+        if attempt >= _ATTEMPT_LIMIT:
             where = f"{config.scenario} scene for index {index[pending[0]]}"
             raise RuntimeError(f"no {where} in {_ATTEMPT_LIMIT} attempts; the room settings leave too little space")
         if attempt and attempt % config.attempts_per_layout == 0:
             layout, size = _layout(config, seed, index[pending], attempt // config.attempts_per_layout)
-        chosen, primitives, pose = _attempt(config, (seed, index[pending], attempt), (layout, size), threads)
-        parts.append((pending[chosen], primitives, pose, size[chosen]))
-        waiting = np.delete(np.arange(len(pending)), chosen)
+        # Few rooms try several times at once, within their layout: each keeps the first attempt that succeeds.
+        ahead = min(_AHEAD, max(1, len(index) // (2 * len(pending))))
+        ahead = min(ahead, config.attempts_per_layout - attempt % config.attempts_per_layout, _ATTEMPT_LIMIT - attempt)
+        room = np.repeat(np.arange(len(pending)), ahead)
+        tried = (seed, index[pending[room]], attempt + np.tile(np.arange(ahead), len(pending)))
+        chosen, primitives, pose = _attempt(config, tried, (scenes.take(layout, room), size[room]), threads)
+        done, first = np.unique(room[chosen], return_index=True)
+        parts.append((pending[done], *_rows(primitives, pose, first), size[done]))
+        waiting = np.delete(np.arange(len(pending)), done)
         pending, layout, size = pending[waiting], scenes.take(layout, waiting), size[waiting]
-        attempt += 1
+        attempt += ahead
     parts[0] = (*parts[0], size[:0])
     order = np.argsort(np.concatenate([part[0] for part in parts]), kind="stable")
     primitives = Primitives(*(np.concatenate(f)[order] for f in zip(*(part[1] for part in parts), strict=True)))
@@ -195,8 +203,14 @@ def _rows(primitives: Primitives, pose: Pose, chosen: np.ndarray) -> tuple[Primi
     return scenes.take(primitives, chosen), Pose(*(field[chosen] for field in pose))
 
 
-def _rays(pose: Pose, directions: np.ndarray) -> Rays:
-    return Rays(pose.position, directions, rotation_of(pose.yaw, pose.pitch))
+def _rays(pose: Pose, grid: Pinhole) -> Rays:
+    return Rays(pose.position, _directions(grid), rotation_of(pose.yaw, pose.pitch))
+
+
+@functools.lru_cache(maxsize=8)
+def _directions(grid: Pinhole) -> np.ndarray:
+    """The grid's rays, which every attempt needs."""
+    return grid.directions()
 
 
 def _has_furniture_in_view(config: SceneConfig, primitives: Primitives, pose: Pose, threads: int | None) -> np.ndarray:
@@ -205,7 +219,7 @@ def _has_furniture_in_view(config: SceneConfig, primitives: Primitives, pose: Po
     Asked of clean scenes too, because the two conditions share room, pose and changed objects.
     """
     grid = config.grid
-    preview = dataclasses.replace(grid, width=grid.width // _COARSE, height=grid.height // _COARSE).directions()
+    preview = dataclasses.replace(grid, width=grid.width // _COARSE, height=grid.height // _COARSE)
     rays = _rays(pose, preview)
     structure = scenes.is_structure(primitives)
     furniture = ~structure & _columns(config, primitives)
@@ -238,6 +252,6 @@ def _shows_the_change(config: SceneConfig, primitives: Primitives, pose: Pose, t
     """(R,) bool: enough rays hit each changed object in the clean scene that contains them all."""
     if not config.parts or len(primitives.kind) == 0:
         return np.ones(len(primitives.kind), bool)
-    rays = _rays(pose, config.grid.directions())
+    rays = _rays(pose, config.grid)
     _, slot = cast_slots(primitives, scenes.is_structure(primitives), rays, threads)
     return _all_seen(config, primitives, slot, config.minimum_rays)
