@@ -32,6 +32,8 @@ lint: setup
 
 bench: setup-peers
 	$(BIN)/python -m benchmarks.rays
+	$(BIN)/python -m benchmarks.rooms
+	$(BIN)/python -m benchmarks.pairs
 	$(BIN)/python -m benchmarks.train
 
 clean:

@@ -21,7 +21,7 @@ from warp_scanner.settings import Range, check_settings
 from warp_scanner.sites import Site
 from warp_scanner.walls import WallConfig, cut_doors, draw_walls, wall_footprints
 
-_ROOMS_AT_ONCE = 128  # few enough to stay in the cache
+_ROOMS_AT_ONCE = 512  # bounds the memory; many enough that calls cost less than numbers
 _SHELL = 6  # floor, ceiling and four outer walls
 
 
