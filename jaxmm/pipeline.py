@@ -109,7 +109,7 @@ def _clouds(config: Config, source: CloudSource, pairs: Pairs, pool: ThreadPoolE
     seen, other = (_preprocessed(config, pairs, scan, pool) for scan in (pairs.dt, pairs.robot))
     if not source.scenario.endswith("removed"):
         seen, other = other, seen
-    distances = _distances(config, seen, other)
+    distances = _distances(pairs, seen, other)
     return pool.map(lambda row: _labelled(config, source, pairs, row, seen[row], distances[row]), range(len(seen)))
 
 
@@ -146,12 +146,15 @@ def _filtered(config: Config, scan: Scan, points: np.ndarray, row: int) -> Kept:
     return Kept(points[row, pixel], pixel)
 
 
-def _distances(config: Config, seen: list[Kept], other: list[Kept]) -> list[np.ndarray]:
+def _distances(pairs: Pairs, seen: list[Kept], other: list[Kept]) -> list[np.ndarray]:
     """Distance (N,) float32 [m] of each point to the other cloud of its pair, measured in float64."""
     # Where the sensor faces a wall so closely that nothing it sees counts as structure, all is far from nothing.
-    farthest = np.linalg.norm(room_config(config).size)
+    farthest = np.linalg.norm(pairs.size, axis=1)
     found = nearest([kept.points for kept in seen], [kept.points for kept in other])
-    return [np.where(near.index >= 0, near.distance, farthest).astype(np.float32) for near in found]
+    return [
+        np.where(near.index >= 0, near.distance, far).astype(np.float32)
+        for near, far in zip(found, farthest, strict=True)
+    ]
 
 
 def _labelled(
@@ -174,8 +177,11 @@ def _labelled(
 
 def _truth(source: CloudSource, pairs: Pairs, row: int, index: int) -> RoomTruth:
     box = pairs.box
-    truth = Box(source.scenario.split("_")[0], box.center[row], box.size[row], float(box.yaw[row]))
-    return RoomTruth(index, truth, float(pairs.observable_fraction[row]))
+    if box.yaw.shape[1] == 0:  # nothing changed
+        nowhere = np.full(3, np.nan, np.float32)
+        return RoomTruth(index, Box(source.scenario.split("_")[0], nowhere, nowhere, np.nan), np.nan)
+    truth = Box(source.scenario.split("_")[0], box.center[row, 0], box.size[row, 0], float(box.yaw[row, 0]))
+    return RoomTruth(index, truth, float(pairs.observable_fraction[row, 0]))
 
 
 def cached_clouds(config: Config, source: CloudSource, count: int, path: Path) -> Iterator[LabelledCloud]:

@@ -89,7 +89,7 @@ def sampled_overlaps(table, room, samples=9):
 
 
 def test_nothing_runs_through_anything_else(rooms):
-    assert not set().union(*(sampled_overlaps(rooms, room) for room in range(40)))
+    assert not set().union(*(sampled_overlaps(rooms, room) for room in range(10)))
 
 
 def test_the_witness_of_overlaps_sees_one(rooms):
@@ -184,7 +184,11 @@ def test_settings_are_respected():
         ({"pillar_spacing": (0.1, 1.0)}, "room.pillar_spacing"),
         ({"chair_height": (0.8, np.nan)}, "room.chair_height"),
         ({"table_limit": -1}, "room.table_limit"),
-        ({"wall_count_x": (0, 3)}, "room.wall_count_x"),
+        ({"wall_count_x": (0, 7)}, "room.wall_count_x"),
+        ({"wall_rotation": (0.0, 1.0)}, "room.wall_rotation"),
+        ({"size_spread": (9.0, 0.0, 0.0)}, "room.size"),
+        ({"cabinet_limit": 1, "cabinet_height": (1.0, 3.0)}, "room.size"),
+        ({"corner_part": (0.2, 0.9)}, "room.corner_part"),
         ({"size": (10.0, 10.0, 2.0)}, "room.size"),
         ({"size": (0.5, 0.5, 3.0)}, "room.size"),
         ({"shell_thickness": -1.0}, "room.shell_thickness"),

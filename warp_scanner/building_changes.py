@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_scanner import draws
+from warp_scanner import draws, scenes
 from warp_scanner.buildings import Building, Triangles
-from warp_scanner.footprints import Footprints
-from warp_scanner.furniture import FurnitureConfig, furnish
+from warp_scanner.footprints import Footprints, join
+from warp_scanner.furniture import FurnitureConfig, Marks, build_furniture, spread_furniture
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import GAP, WALL, Primitives, scene_mesh
+from warp_scanner.scenes import GAP, WALL, scene_mesh
 from warp_scanner.sensors import Pinhole, Pose
+from warp_scanner.sites import Site
 from warp_scanner.triangles import TriangleScene, cast_triangles, clearance
 
 _STANDING = 1.0  # [m] least height of what counts as a wall or column rather than a sill or a base
@@ -120,8 +121,11 @@ def furniture_around(
         boxes.append((change.center[:2] - middle[:2], change.size[:2] / 2, np.radians(change.yaw)))
     center, half, yaw = (np.array([[box[part] for box in boxes]]) for part in range(3))
     others = Footprints(center, half, yaw, np.ones((1, len(boxes)), bool))
-    tables, chairs = furnish(_FURNITURE, (_PATCH, _GAP), key, others, 0)
-    primitives = Primitives(*(np.concatenate(fields, axis=1) for fields in zip(tables, chairs, strict=True)))
+    site = Site(key, np.array([_PATCH]), _PATCH[:2], _GAP, others._replace(valid=np.zeros_like(others.valid)))
+    marks = spread_furniture(_FURNITURE, site, key)
+    stays = np.split(site.settled(join(*marks), others), [_FURNITURE.table_limit], axis=1)
+    marks = Marks(*(kind._replace(valid=stay) for kind, stay in zip(marks, stays, strict=True)))
+    primitives = scenes.join(*build_furniture(_FURNITURE, site, marks, 0))
     if not np.any(primitives.kind != GAP):
         return None
     vertices, faces, slot = scene_mesh(primitives, 0, sections=12)

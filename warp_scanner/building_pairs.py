@@ -13,7 +13,7 @@ import numpy as np
 from warp_scanner import draws
 from warp_scanner.building_changes import Change, added_object, furniture_around, of_element, removable
 from warp_scanner.building_poses import draw_positions
-from warp_scanner.buildings import Building, join
+from warp_scanner.buildings import Building, bounds, join
 from warp_scanner.pairs import Pairs, joined
 from warp_scanner.scan import Rays
 from warp_scanner.scenarios import CONDITIONS, SCENARIOS, TrueBox
@@ -22,6 +22,9 @@ from warp_scanner.sensors import OAK_D_PRO_SMALL, Pinhole, Pose, Standing, add_r
 from warp_scanner.triangles import TriangleScene, cast_triangles, prepare
 
 _ATTEMPTS = 200
+# Shape beyond (R, M) and dtype of every field of a TrueBox.
+_BOX_FIELDS = (((3,), np.float32), ((3,), np.float32), ((), np.float32), ((), np.uint8), ((), np.int8), ((), np.int32),
+               ((), np.int32))  # fmt: skip
 _RING = 360  # rays around a sensor that look for something to remove
 
 
@@ -105,6 +108,8 @@ def _nobody(field):
 
 def _make_pair(building: Building, scene: TriangleScene, config: BuildingPairConfig, which: tuple) -> Pairs:
     number, threads = which
+    low, high = bounds(building.triangles)
+    extent = (high - low).astype(np.float32)[None]
     for attempt in range(_ATTEMPTS):
         key = draws.keys(config.seed, np.array([number]), attempt)
         pose, found = draw_positions(building, scene, config.standing, key, config.storey)
@@ -115,7 +120,7 @@ def _make_pair(building: Building, scene: TriangleScene, config: BuildingPairCon
         rays = Rays(pose.position, config.sensor.directions(), rotation_of(pose.yaw, pose.pitch))
         trial = _attempt(building, scene, config, (key, pose, rays, threads))
         if trial is not None:
-            return _scanned(config, trial, (number, pose, rays, threads))
+            return _scanned(config, trial, (number, pose, rays, threads, extent))
     raise RuntimeError(f"no {config.scenario} pair for index {number} in {_ATTEMPTS} attempts; too little free space")
 
 
@@ -156,7 +161,7 @@ def _attempt(building: Building, scene: TriangleScene, config: BuildingPairConfi
         changed, triangles = own, join(triangles, change.triangles)
     before = len(triangles.semantic)
     if config.condition == "occluded":
-        floor = float(pose.position[0, 2]) - config.standing.height
+        floor = _floor_below(scene, pose, config.standing)
         furniture = furniture_around(scene, pose, floor, change, key)
         triangles = triangles if furniture is None else join(triangles, furniture)
     count = len(triangles.semantic)
@@ -171,9 +176,17 @@ def _attempt(building: Building, scene: TriangleScene, config: BuildingPairConfi
     return _Attempt(full, in_prior, in_real, changed, change)
 
 
+def _floor_below(scene: TriangleScene, pose: Pose, standing: Standing) -> float:
+    """Height [m] of what the sensor stands above; of a file without floors, of where one would be."""
+    down = np.array([[0.0, 0.0, -1.0]], np.float32)
+    drop = float(cast_triangles(scene, Rays(pose.position, down)).distance[0, 0])
+    low, high = standing.height_range
+    return float(pose.position[0, 2]) - (drop if drop <= high + 0.1 else (low + high) / 2)
+
+
 def _scanned(config: BuildingPairConfig, trial: _Attempt, view: tuple) -> Pairs:
     """Both scans and the truth of one pair."""
-    number, pose, rays, threads = view
+    number, pose, rays, threads, extent = view
     dt = cast_triangles(trial.scene, rays, trial.in_prior, threads)
     robot = cast_triangles(trial.scene, rays, trial.in_real, threads)
     removed = config.scenario.endswith("removed")
@@ -184,23 +197,24 @@ def _scanned(config: BuildingPairConfig, trial: _Attempt, view: tuple) -> Pairs:
     margin = np.float32(config.testable_margin)
     # Misses are infinitely far: a ray that hits nothing passed everything, and inf > inf is False.
     testable_dt, testable_robot = dt.distance + margin < robot.distance, robot.distance + margin < dt.distance
-    fraction = np.full(1, np.nan, np.float32)
+    fraction = np.zeros((1, int(trial.changed >= 0)), np.float32)
     if trial.changed >= 0:
         alone = cast_triangles(trial.scene, rays, np.arange(len(trial.in_prior)) == trial.changed, threads)
         found = np.sum((changed_dt & testable_dt) | (changed_robot & testable_robot))
-        fraction[0] = found / max(int(np.isfinite(alone.distance).sum()), 1)
+        fraction[0, 0] = found / max(int(np.isfinite(alone.distance).sum()), 1)
     noise = add_range_noise(robot.distance, config.range_noise, config.seed, np.array([number]))
     return Pairs(
         pose, rays.direction, dt, robot._replace(distance=noise), changed_dt, changed_robot, testable_dt,
-        testable_robot, fraction, _box(trial.change),
+        testable_robot, fraction, _box(trial.change, trial.changed, -1 if removed else 1),
+        pose, extent,
     )  # fmt: skip
 
 
-def _box(change: Change | None) -> TrueBox:
+def _box(change: Change | None, element: int, direction: int) -> TrueBox:
+    """The changed object of one room; without a column where nothing changed."""
     if change is None:
-        gap = np.full((1, 3), np.nan, np.float32)
-        return TrueBox(gap, gap, gap[:, 0], np.array([NOTHING], np.uint8))
+        return TrueBox(*(np.zeros((1, 0, *more), dtype) for more, dtype in _BOX_FIELDS))
+    values = (change.center, change.size, change.yaw, change.semantic, direction, element, -1)
     return TrueBox(
-        change.center[None].astype(np.float32), change.size[None].astype(np.float32),
-        np.array([change.yaw], np.float32), np.array([change.semantic], np.uint8),
-    )  # fmt: skip
+        *(np.asarray(value, dtype)[None, None] for value, (_, dtype) in zip(values, _BOX_FIELDS, strict=True))
+    )

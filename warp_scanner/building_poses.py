@@ -85,7 +85,7 @@ def draw_positions(
     Args:
         building: the building.
         scene: its triangles, prepared; all of them count.
-        standing: height, gap and number of tries.
+        standing: heights, pitches, gap and number of tries.
         key: (R,) uint64 from draws.keys.
         storey: row of the storey table; None draws from all.
 
@@ -101,6 +101,7 @@ def draw_positions(
     chosen = chosen if storey is None else np.full_like(chosen, storey)
     elevation = building.storeys.elevation[chosen]
     top = _tops(building)[chosen]
+    height = draws.between(key, "sensor height", standing.height_range, tries).ravel()
     points = np.stack([x, y, np.minimum(elevation + 1.0, (elevation + top) / 2)], axis=-1).reshape(-1, 3)
     good = np.ones(len(points), bool)
     if floored:
@@ -108,9 +109,9 @@ def draw_positions(
         drop = cast_triangles(scene, Rays(points, down)).distance[:, 0].astype(np.float64)
         floor = points[:, 2] - drop
         good = np.abs(floor - elevation.ravel()) <= _STEP
-        points[:, 2] = np.where(good, floor + standing.height, points[:, 2])
+        points[:, 2] = np.where(good, floor + height, points[:, 2])
     else:
-        points[:, 2] = elevation.ravel() + standing.height
+        points[:, 2] = elevation.ravel() + height
     points = points.astype(np.float32)
     # A hair more than the gap, so that it still holds whoever measures.
     good &= (clearance(scene, points, standing.gap + 1.0) > standing.gap + 1e-4) & inside(building, scene, points)
@@ -122,7 +123,8 @@ def draw_positions(
     first = np.where(first < 0, _first_free(building.triangles, points, good & (first < 0)[:, None]), first)
     found = first >= 0
     yaw = draws.between(key, "sensor yaw", (-180.0, 180.0), 1)[:, 0].astype(np.float32)
-    return Pose(points[np.arange(count), first], yaw, np.zeros_like(yaw)), found
+    pitch = draws.between(key, "sensor pitch", standing.pitch, 1)[:, 0].astype(np.float32)
+    return Pose(points[np.arange(count), first], yaw, pitch), found
 
 
 def _first_free(triangles: Triangles, points: np.ndarray, good: np.ndarray) -> np.ndarray:

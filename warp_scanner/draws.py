@@ -63,9 +63,10 @@ def normal(key: np.ndarray, stream: str, count: int) -> np.ndarray:
 class Grid(NamedTuple):
     """Regular places, centred on the room, that are then jittered."""
 
-    size: tuple[float, float]  # [m] of the room
+    size: tuple[float, float]  # [m] of the room; fixes the number of places
     spacing: tuple[float, float]  # [m] range that each room draws its spacing from
     randomness: tuple[float, float]  # range of the offset from the regular place, in spacings, end to end
+    own_size: np.ndarray | None = None  # (R, 2) [m] of rooms that are smaller than `size`
 
 
 def places(key: np.ndarray, name: str, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
@@ -76,7 +77,8 @@ def places(key: np.ndarray, name: str, grid: Grid) -> tuple[np.ndarray, np.ndarr
     column, row = (axis.ravel() for axis in np.meshgrid(*(np.arange(count) for count in most), indexing="ij"))
     coordinates, exists = [], np.ones((len(key), column.size), bool)
     for axis, number in enumerate((column, row)):
-        count = np.maximum(np.floor(grid.size[axis] / step), 1.0)
+        length = grid.size[axis] if grid.own_size is None else grid.own_size[:, axis, None]
+        count = np.maximum(np.floor(length / step), 1.0)
         jitter = randomness * (uniform(key, f"{name} place {axis}", column.size) - 0.5)
         coordinates.append(step * (number - (count - 1) / 2 + jitter))
         exists &= number < count

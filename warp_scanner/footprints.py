@@ -3,11 +3,19 @@
 R rooms, N or M rectangles. Plan view of the world frame, metres.
 """
 
+import threading
 from typing import NamedTuple
 
 import numpy as np
+import warp as wp
 
+from warp_scanner import footprint_kernels
+from warp_scanner.quiet import start_quietly
 from warp_scanner.scenes import CEILING, FLOOR, GAP, Primitives
+
+wp.config.log_level = wp.LOG_WARNING
+
+_loading = threading.Lock()
 
 
 class Footprints(NamedTuple):
@@ -30,38 +38,14 @@ def of_primitives(primitives: Primitives) -> Footprints:
     return Footprints(primitives.center[..., :2], primitives.half_size[..., :2], primitives.yaw, valid)
 
 
-def gaps(a: Footprints, b: Footprints) -> np.ndarray:
-    """Gap between each rectangle of `a` and each of `b` along the best separating axis.
-
-    Returns:
-        (R, N, M) float [m]: never more than the true distance, negative where the two overlap, inf beside a gap slot.
-    """
-    yaw_a, yaw_b = a.yaw[:, :, None], b.yaw[:, None]
-    x, y = (b.center[:, None, :, axis] - a.center[:, :, None, axis] for axis in (0, 1))
-    half_a = (a.half_size[:, :, None, 0], a.half_size[:, :, None, 1])
-    half_b = (b.half_size[:, None, :, 0], b.half_size[:, None, :, 1])
-    cosine, sine = np.abs(np.cos(yaw_b - yaw_a)), np.abs(np.sin(yaw_b - yaw_a))
-    gap = np.maximum(_axis_gaps(x, y, yaw_a, half_a, half_b, (cosine, sine)),
-                     _axis_gaps(x, y, yaw_b, half_b, half_a, (cosine, sine)))  # fmt: skip
-    return np.where(a.valid[:, :, None] & b.valid[:, None], gap, np.inf)
-
-
-def _axis_gaps(x, y, yaw, own, other, turn) -> np.ndarray:
-    """The larger gap along the two axes of the rectangle whose yaw and half sizes are `yaw` and `own`."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    along = np.abs(cosine * x + sine * y) - own[0] - (other[0] * turn[0] + other[1] * turn[1])
-    across = np.abs(cosine * y - sine * x) - own[1] - (other[0] * turn[1] + other[1] * turn[0])
-    return np.maximum(along, across)
-
-
-def point_distance(points: np.ndarray, footprints: Footprints) -> np.ndarray:
-    """Distance (R, M, N) [m] of points (R, M, 2) to rectangles: 0 inside, inf for gaps."""
-    x, y = (points[:, :, None, axis] - footprints.center[:, None, :, axis] for axis in (0, 1))
-    cosine, sine = np.cos(footprints.yaw)[:, None], np.sin(footprints.yaw)[:, None]
-    along = np.abs(cosine * x + sine * y) - footprints.half_size[:, None, :, 0]
-    across = np.abs(cosine * y - sine * x) - footprints.half_size[:, None, :, 1]
+def point_distance(point: np.ndarray, footprints: Footprints) -> np.ndarray:
+    """Distance (R, N) [m] of one point (R, 2) of each room to the rectangles: 0 inside, inf for gaps."""
+    x, y = (point[:, axis, None] - footprints.center[..., axis] for axis in (0, 1))
+    cosine, sine = np.cos(footprints.yaw), np.sin(footprints.yaw)
+    along = np.abs(cosine * x + sine * y) - footprints.half_size[..., 0]
+    across = np.abs(cosine * y - sine * x) - footprints.half_size[..., 1]
     distance = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
-    return np.where(footprints.valid[:, None], distance, np.inf)
+    return np.where(footprints.valid, distance, np.inf)
 
 
 def inside(footprints: Footprints, half_extent: np.ndarray) -> np.ndarray:
@@ -72,19 +56,56 @@ def inside(footprints: Footprints, half_extent: np.ndarray) -> np.ndarray:
     return np.all(np.abs(footprints.center) + reach <= half_extent, axis=-1)
 
 
-def thin_out(footprints: Footprints, gap: float, rounds: int = 2) -> np.ndarray:
-    """Which rectangles stay so that all that stay are at least `gap` apart; earlier slots go first.
+def settle(footprints: Footprints, others: Footprints, gap: float, apart: float, rounds: int = 2) -> np.ndarray:
+    """Which rectangles stay, more than `gap` from the others and at least `apart` from each other; the first go first.
 
-    A rectangle leaves when it crowds an earlier one (Matern's second hard-core process, without a loop over objects);
-    later rounds readmit what only crowded others that left.
+    Among those clear of the others, a rectangle leaves when it crowds an earlier one (Matern's second hard-core
+    process, without an order of its own); later rounds readmit what only crowded others that left.
 
     Returns:
         (R, N) bool.
     """
-    crowded = gaps(footprints, footprints) < gap
-    earlier = np.tri(crowded.shape[1], k=-1, dtype=bool)
-    stays = np.zeros_like(footprints.valid)
-    for _ in range(rounds):
-        waiting = footprints.valid & ~stays & ~np.any(crowded & stays[:, None], axis=2)
-        stays |= waiting & ~np.any(crowded & earlier & waiting[:, None], axis=2)
+    stays = np.zeros(footprints.valid.shape, bool)
+    # The kernel marks what is not clear of the others in its own copy.
+    inputs = [*_shared(footprints._replace(valid=footprints.valid.copy())), *_shared(others), gap, apart, rounds]
+    _launch(footprint_kernels.settle, len(stays), [*inputs, _share(np.zeros_like(stays), wp.bool)], stays, wp.bool)
     return stays
+
+
+def first_clear(footprints: Footprints, others: Footprints, gap: float) -> np.ndarray:
+    """(R,) int32: the first rectangle of each room that is more than `gap` away from all others; -1 where none is."""
+    first = np.zeros(len(footprints.valid), np.int32)
+    inputs = [*_shared(footprints), *_shared(others), gap]
+    _launch(footprint_kernels.first_clear, len(first), inputs, first, wp.int32)
+    return first
+
+
+def first_clear_point(points: np.ndarray, others: Footprints, gap: float) -> np.ndarray:
+    """(R,) int32: the first of the points (R, M, 2) that is more than `gap` away from all rectangles, else -1."""
+    first = np.zeros(len(points), np.int32)
+    rectangles = _shared(others)
+    inputs = [_share(points.astype(np.float64, copy=False), wp.float64), *rectangles, gap]
+    _launch(footprint_kernels.first_clear_point, len(first), inputs, first, wp.int32)
+    return first
+
+
+def _launch(kernel: wp.Kernel, room_count: int, inputs: list, output: np.ndarray, dtype: type) -> None:
+    if output.size == 0:
+        return
+    wp.launch(kernel, dim=room_count, inputs=inputs, outputs=[_share(output, dtype)], device="cpu")
+
+
+def _shared(footprints: Footprints) -> tuple[wp.array, wp.array]:
+    """Rectangles as the kernels want them: (R, N, 6) numbers, and (R, N) which are there."""
+    with _loading:  # before threads could try to compile the kernels at the same time
+        start_quietly()
+        wp.load_module(footprint_kernels, device="cpu")
+    packed = np.zeros((*footprints.valid.shape, 6))
+    packed[..., 0:2], packed[..., 2:4] = footprints.center, footprints.half_size
+    packed[..., 4], packed[..., 5] = np.cos(footprints.yaw), np.sin(footprints.yaw)
+    return _share(packed, wp.float64), _share(footprints.valid, wp.bool)
+
+
+def _share(array: np.ndarray, dtype: type) -> wp.array:
+    """The array as Warp sees it, in the same memory."""
+    return wp.array(np.ascontiguousarray(array), dtype=dtype, ndim=array.ndim, device="cpu", copy=False)

@@ -5,29 +5,15 @@ R rooms, N pieces of a kind. World frame: metres, z up.
 
 import dataclasses
 from math import pi
+from typing import NamedTuple
 
 import numpy as np
 
-from warp_scanner import draws, footprints
+from warp_scanner import draws
 from warp_scanner.footprints import Footprints
 from warp_scanner.scenes import BOX, CHAIR, CYLINDER, TABLE, Primitives, Tags, join, solids
-
-Range = tuple[float, float]
-# Bounds of every setting of a room, by the ending of its name; all else is a length.
-LIMITS = {
-    "size": (0.1, 200.0),
-    "spacing": (0.5, 100.0),
-    "share": (0.0, 1.0),
-    "density": (0.0, 1.0),
-    "randomness": (0.0, 1.0),
-    "rotation": (0.0, 2 * pi),
-    "limit": (0, 200),
-    "count_x": (0, 2),
-    "count_y": (0, 2),
-    "clearance": (0.0, 1.0),
-    "thickness": (0.01, 1.0),
-}
-LENGTH_LIMITS = (0.01, 10.0)  # [m]
+from warp_scanner.settings import Range
+from warp_scanner.sites import Site
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,96 +33,87 @@ class FurnitureConfig:
     chair_limit: int = 24
     furniture_randomness: Range = (0.0, 0.8)  # offset from the regular place, in spacings, end to end
 
-    def __post_init__(self):
-        for field in dataclasses.fields(self):
-            _check_setting(field.name, getattr(self, field.name), ranges=field.type == Range)
+
+class Marks(NamedTuple):
+    """Where the furniture of R rooms may stand."""
+
+    tables: Footprints
+    chairs: Footprints
 
 
-def _check_setting(name: str, value: object, *, ranges: bool) -> None:
-    """Refuse a setting out of its bounds, and a range upside down."""
-    low, high = next((limits for ending, limits in LIMITS.items() if name.endswith(ending)), LENGTH_LIMITS)
-    values = np.atleast_1d(value)
-    # Written so that NaN fails too.
-    if not np.all((values >= low) & (values <= high)):
-        raise ValueError(f"room.{name} must lie within {low:g} and {high:g}, got {value}")
-    if ranges and not values[0] <= values[1]:
-        raise ValueError(f"room.{name} must be (low, high) with low <= high, got {value}")
-
-
-def furnish(
-    config: FurnitureConfig, inside: tuple[tuple[float, float, float], float], key: np.ndarray, others: Footprints,
-    element: int,
-) -> tuple[Primitives, Primitives]:  # fmt: skip
-    """Tables and chairs at random places of their grids, turned at random, wherever they fit.
+def spread_furniture(config: FurnitureConfig, site: Site, place_key: np.ndarray) -> Marks:
+    """Tables and chairs at random places of their grids, turned at random, whether they fit or not.
 
     Args:
         config: the ranges.
-        inside: size of the room [m] and least gap [m] to anything else.
-        key: (R,) from draws.keys.
-        others: what stands there already.
-        element: id of the first table; chairs follow the last.
+        site: the shells; their keys give the sizes.
+        place_key: (R,) from draws.keys gives the places, so that the same furniture can stand elsewhere.
     """
-    size, gap = inside
-    tables = _spread(config, key, "table", (size, config.table_spacing, config.table_limit))
-    edges = [draws.between(key, f"table size {axis}", config.table_size, config.table_limit) for axis in (0, 1)]
+    tables = _spread(config, site, place_key, ("table", config.table_spacing, config.table_limit))
+    edges = [draws.between(site.key, f"table size {axis}", config.table_size, config.table_limit) for axis in (0, 1)]
     tables = tables._replace(half_size=np.stack(edges, axis=-1) / 2)
-    chairs = _spread(config, key, "chair", (size, config.chair_spacing, config.chair_limit))
-    seat = draws.between(key, "chair seat", config.chair_seat_size, config.chair_limit)
-    chairs = chairs._replace(half_size=np.stack([seat, seat], axis=-1) / 2)
+    chairs = _spread(config, site, place_key, ("chair", config.chair_spacing, config.chair_limit))
+    seat = draws.between(site.key, "chair seat", config.chair_seat_size, config.chair_limit)
+    return Marks(tables, chairs._replace(half_size=np.stack([seat, seat], axis=-1) / 2))
 
-    marks = footprints.join(tables, chairs)
-    valid = marks.valid & footprints.inside(marks, np.array(size[:2]) / 2 - gap)
-    valid &= np.all(footprints.gaps(marks, others) > gap, axis=2)
-    stays = footprints.thin_out(marks._replace(valid=valid), gap)
-    tables = tables._replace(valid=stays[:, : config.table_limit])
-    chairs = chairs._replace(valid=stays[:, config.table_limit :])
-    floor = -size[2] / 2
+
+def build_furniture(config: FurnitureConfig, site: Site, marks: Marks, element: int) -> tuple[Primitives, Primitives]:
+    """Tables and chairs on the valid marks; `element` is the id of the first table, chairs follow the last."""
+    floor = -site.size[:, 2, None] / 2
     return (
-        _tables(config, key, (tables, floor), element),
-        _chairs(config, key, (chairs, floor), element + config.table_limit),
+        _tables(config, site.key, (marks.tables, floor), element),
+        _chairs(config, site.key, (marks.chairs, floor), element + config.table_limit),
     )
 
 
-def _spread(config: FurnitureConfig, key: np.ndarray, name: str, where: tuple) -> Footprints:
+def _spread(config: FurnitureConfig, site: Site, key: np.ndarray, kind: tuple) -> Footprints:
     """Footprints without a size yet, at randomly chosen places of a grid."""
-    size, spacing, limit = where
-    place, exists = draws.places(key, name, draws.Grid(size[:2], spacing, config.furniture_randomness))
-    order = draws.uniform(key, f"{name} order", exists.shape[1])
-    chosen = np.argsort(np.where(exists, order, 2.0), axis=1, kind="stable")[:, :limit]
-    missing = limit - chosen.shape[1]
-    place = np.pad(np.take_along_axis(place, chosen[..., None], axis=1), ((0, 0), (0, missing), (0, 0)))
-    exists = np.pad(np.take_along_axis(exists, chosen, axis=1), ((0, 0), (0, missing)))
+    name, spacing, limit = kind
+    grid = draws.Grid(site.greatest, spacing, config.furniture_randomness, site.size[:, :2])
+    place, exists = chosen_places(key, name, grid, limit)
     yaw = draws.between(key, f"{name} yaw", (0.0, 2.0 * pi), limit)
     return Footprints(place, np.zeros_like(place), yaw, exists)
 
 
-def _at(marks: Footprints, x: np.ndarray | float, y: np.ndarray | float, z: np.ndarray | float) -> list:
+def chosen_places(key: np.ndarray, name: str, grid: draws.Grid, limit: int) -> tuple[np.ndarray, np.ndarray]:
+    """At most `limit` places of a jittered grid, chosen at random: (R, limit, 2) [m], and which of them exist."""
+    place, exists = draws.places(key, name, grid)
+    order = draws.uniform(key, f"{name} order", exists.shape[1])
+    chosen = np.argsort(np.where(exists, order, 2.0), axis=1, kind="stable")[:, :limit]
+    missing = limit - chosen.shape[1]
+    place = np.pad(np.take_along_axis(place, chosen[..., None], axis=1), ((0, 0), (0, missing), (0, 0)))
+    return place, np.pad(np.take_along_axis(exists, chosen, axis=1), ((0, 0), (0, missing)))
+
+
+def at(marks: Footprints, x: np.ndarray | float, y: np.ndarray | float, z: np.ndarray | float) -> list:
     """World coordinates of a point given in the frame of each piece of furniture."""
     cosine, sine = np.cos(marks.yaw), np.sin(marks.yaw)
     return [marks.center[..., 0] + cosine * x - sine * y, marks.center[..., 1] + sine * x + cosine * y, z]
 
 
-def _legs(marks: Footprints, radius: np.ndarray, height: np.ndarray | float, floor: float, tags: Tags) -> Primitives:
+def _legs(
+    marks: Footprints, radius: np.ndarray, height: np.ndarray | float, floor: np.ndarray, tags: Tags
+) -> Primitives:
     """Four legs in the corners of each footprint."""
     x, y = (marks.half_size[..., axis] - radius for axis in (0, 1))
     half = [radius, radius, height / 2]
     corners = [(sx * x, sy * y) for sx in (-1, 1) for sy in (-1, 1)]
-    return join(*(solids(marks.valid, _at(marks, u, v, floor + height / 2), half, marks.yaw, tags) for u, v in corners))
+    return join(*(solids(marks.valid, at(marks, u, v, floor + height / 2), half, marks.yaw, tags) for u, v in corners))
 
 
-def _tables(config: FurnitureConfig, key: np.ndarray, where: tuple[Footprints, float], element: int) -> Primitives:
+def _tables(config: FurnitureConfig, key: np.ndarray, where: tuple[Footprints, np.ndarray], element: int) -> Primitives:
     (marks, floor), thickness = where, 0.05
     count = marks.valid.shape[1]
     kind = np.where(draws.uniform(key, "table legs round", count) < 0.5, CYLINDER, BOX)
     radius = draws.between(key, "table leg", config.table_leg_radius, count)
     number = element + np.arange(count)
     half = [marks.half_size[..., 0], marks.half_size[..., 1], thickness / 2]
-    center = _at(marks, 0.0, 0.0, floor + config.table_height - thickness / 2)
+    center = at(marks, 0.0, 0.0, floor + config.table_height - thickness / 2)
     top = solids(marks.valid, center, half, marks.yaw, Tags(BOX, number, TABLE))
     return join(top, _legs(marks, radius, config.table_height - thickness, floor, Tags(kind, number, TABLE)))
 
 
-def _chairs(config: FurnitureConfig, key: np.ndarray, where: tuple[Footprints, float], element: int) -> Primitives:
+def _chairs(config: FurnitureConfig, key: np.ndarray, where: tuple[Footprints, np.ndarray], element: int) -> Primitives:
     (marks, floor), thickness = where, 0.04
     count = marks.valid.shape[1]
     back = draws.between(key, "chair back", config.chair_back_height, count)
@@ -146,8 +123,8 @@ def _chairs(config: FurnitureConfig, key: np.ndarray, where: tuple[Footprints, f
     tags = Tags(BOX, element + np.arange(count), CHAIR)
     x, y = marks.half_size[..., 0], marks.half_size[..., 1]
     plate = solids(
-        marks.valid, _at(marks, 0.0, 0.0, floor + seat - thickness / 2), [x, y, thickness / 2], marks.yaw, tags
+        marks.valid, at(marks, 0.0, 0.0, floor + seat - thickness / 2), [x, y, thickness / 2], marks.yaw, tags
     )
-    rest_center = _at(marks, 0.0, -(y - thickness / 2), floor + seat + back / 2)
+    rest_center = at(marks, 0.0, -(y - thickness / 2), floor + seat + back / 2)
     rest = solids(marks.valid, rest_center, [x, thickness / 2, back / 2], marks.yaw, tags)
     return join(plate, _legs(marks, leg, seat - thickness, floor, tags), rest)

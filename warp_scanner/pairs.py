@@ -10,12 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_scanner.rooms import RoomConfig
+from warp_scanner import draws
+from warp_scanner.rooms import THESIS, VARIED, RoomConfig
 from warp_scanner.scan import Rays, Scan, cast_rays, cast_slots
 from warp_scanner.scenarios import SceneConfig, Scenes, TrueBox, make_scenes
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Pinhole, Pose, Standing, add_range_noise, rotation_of
 
-_ROOMS_AT_ONCE = 16  # bounds the memory of what is only needed on the way
+_SCENES_AT_ONCE = 64  # scenes are drawn together, so that few of them wait for the last
+_SCANS_AT_ONCE = 16  # bounds the memory of what is only needed on the way
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +25,7 @@ class PairConfig:
     """Which pairs to make; lengths in metres."""
 
     seed: int = 0
-    scenario: str = "pillar_added"  # one of scenarios.SCENARIOS, or "unchanged"
+    scenario: str = "pillar_added"  # one of scenarios.SCENARIOS or MULTI_SCENARIOS, or "unchanged"
     condition: str = "clean"  # or "occluded"
     room: RoomConfig = RoomConfig()
     sensor: Pinhole = OAK_D_PRO_SMALL
@@ -32,15 +34,26 @@ class PairConfig:
     range_noise: float = 0.0  # standard deviation of the robot's ranges; the DT scan has none
     testable_margin: float = 0.1  # ranges must differ by more than this to tell prior and reality apart
     furniture_share: float = 0.05  # least share of rays that hit furniture in the occluded scene
+    sensor_height_spread: float = 0.0  # the height is drawn up to this above or below
+    sensor_pitch_spread: float = 0.0  # [deg] the pitch is drawn up to this above or below level
+    mismatch_rotation: tuple[float, float] = (0.0, 0.0)  # [rad] turn of changed objects, to either side
+    touching: str = "never"  # see SceneConfig
+    prior_furniture: str = "none"  # see SceneConfig
+    position_error: float = 0.0  # standard deviation of each coordinate of the robot's true place about the assumed one
+    angle_error: float = 0.0  # [deg] standard deviation of its true yaw and pitch about the assumed ones
 
     def __post_init__(self):
         if self.seed < 0:
             raise ValueError(f"seed must be at least 0, got {self.seed}")
-        for name in ("sensor_gap", "range_noise", "testable_margin"):
+        spreads = ("sensor_height_spread", "sensor_pitch_spread", "position_error", "angle_error")
+        for name in ("sensor_gap", "range_noise", "testable_margin", *spreads):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
-        if not 0.0 < self.sensor_height < self.room.size[2]:
-            raise ValueError(f"sensor_height must lie inside the room, got {self.sensor_height}")
+        lowest, highest = self.sensor_height - self.sensor_height_spread, self.sensor_height + self.sensor_height_spread
+        if not 0.0 < lowest <= highest < self.room.size[2] - self.room.size_spread[2]:
+            raise ValueError(f"sensor_height must lie inside the room, got {lowest} to {highest}")
+        if self.sensor_pitch_spread > 60.0:
+            raise ValueError(f"sensor_pitch_spread must be at most 60 degrees, got {self.sensor_pitch_spread}")
         _ = self.scene  # checks scenario and condition
 
     @property
@@ -50,28 +63,52 @@ class PairConfig:
             scenario=self.scenario,
             condition=self.condition,
             room=self.room,
-            standing=Standing(self.sensor_height, self.sensor_gap),
+            standing=Standing(
+                (self.sensor_height - self.sensor_height_spread, self.sensor_height + self.sensor_height_spread),
+                self.sensor_gap,
+                pitch=(-self.sensor_pitch_spread, self.sensor_pitch_spread),
+            ),
             horizontal_fov=self.sensor.horizontal_fov,
             vertical_fov=self.sensor.vertical_fov,
             furniture_share=self.furniture_share,
+            mismatch_rotation=self.mismatch_rotation,
+            touching=self.touching,
+            prior_furniture=self.prior_furniture,
         )
 
 
-class Pairs(NamedTuple):
-    """A DT scan and a robot scan of each of R rooms, along the same rays, with the truth about every ray."""
+PRESETS = {
+    "thesis": PairConfig(room=THESIS),
+    "varied": PairConfig(
+        room=VARIED,
+        sensor_height=1.3,  # 0.4 to 2.2 m
+        sensor_height_spread=0.9,
+        sensor_pitch_spread=15.0,
+        mismatch_rotation=(0.0, 0.26),
+    ),
+}
 
-    pose: Pose  # of both scans
+
+class Pairs(NamedTuple):
+    """A DT scan and a robot scan of each of R rooms with the truth about every ray; M changed objects, with gaps.
+
+    Without a pose error both scans share their rays. With one, testability is still of the noise-free geometry as the
+    robot's true place shows it: a robot ray is compared with the prior along itself, a DT point with reality along the
+    ray from the true place to the point, if that ray lies in the true field of view.
+    """
+
+    pose: Pose  # of the DT scan, and where the robot is believed to be
     directions: np.ndarray  # (P, 3) float32 unit vectors in the sensor frame, shared by all rooms
     dt: Scan  # of the prior, (R, P)
-    robot: Scan  # of reality, (R, P), ranges with noise
+    robot: Scan  # of reality, (R, P), from `true_pose`, ranges with noise
     changed_dt: np.ndarray  # (R, P) bool: the ray hits a removed element in the prior
     changed_robot: np.ndarray  # (R, P) bool: the ray hits an added element in reality
-    testable_dt: np.ndarray  # (R, P) bool: the noise-free robot ray passes the prior's point by more than the margin
-    testable_robot: (
-        np.ndarray
-    )  # (R, P) bool: the noise-free robot ray ends in front of the prior by more than the margin
-    observable_fraction: np.ndarray  # (R,) float32: testable rays of the changed object / rays that hit it alone; NaN
-    box: TrueBox  # of the changed object
+    testable_dt: np.ndarray  # (R, P) bool: reality goes on past the prior's point by more than the margin
+    testable_robot: np.ndarray  # (R, P) bool: reality ends in front of the prior by more than the margin
+    observable_fraction: np.ndarray  # (R, M) float32: testable rays of a changed object / rays that hit it alone; NaN
+    box: TrueBox  # of the changed objects, (R, M)
+    true_pose: Pose  # where the robot scan was taken from
+    size: np.ndarray  # (R, 3) float32 [m] inside of the shells
 
 
 def make_pairs(config: PairConfig, index: np.ndarray, threads: int | None = None) -> Pairs:
@@ -90,13 +127,13 @@ def make_pairs(config: PairConfig, index: np.ndarray, threads: int | None = None
     if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer) or np.any(index < 0):
         raise ValueError(f"index must be (R,) integers of at least 0, got {index.dtype} {index.shape}")
     threads = threads or os.cpu_count() or 1
-    size = max(1, min(_ROOMS_AT_ONCE, -(-len(index) // threads)))
+    size = max(1, min(_SCENES_AT_ONCE, -(-len(index) // threads)))
     starts = range(0, max(len(index), 1), size)
     with ThreadPoolExecutor(threads) as pool:
         # Rooms are shared out first; only a lone part leaves threads for its rays.
         inner = threads if len(starts) == 1 else 1
         parts = list(pool.map(lambda start: _make_pairs(config, index[start : start + size], inner), starts))
-    return joined(parts)
+    return joined([part for few in parts for part in few])
 
 
 def points_of(pose: Pose, directions: np.ndarray, distance: np.ndarray) -> np.ndarray:
@@ -106,33 +143,108 @@ def points_of(pose: Pose, directions: np.ndarray, distance: np.ndarray) -> np.nd
     return pose.position[:, None] + reach[..., None] * (directions[None] @ rotation.transpose(0, 2, 1))
 
 
-def _make_pairs(config: PairConfig, index: np.ndarray, threads: int) -> Pairs:
+def _make_pairs(config: PairConfig, index: np.ndarray, threads: int) -> list[Pairs]:
     scenes = make_scenes(config.scene, config.seed, index, threads)
     directions = config.sensor.directions()
-    rays = Rays(scenes.pose.position, directions, rotation_of(scenes.pose.yaw, scenes.pose.pitch))
-    dt = cast_rays(scenes.primitives, scenes.in_prior, rays, threads)
-    robot = cast_rays(scenes.primitives, scenes.in_real, rays, threads)
-    # Ids of changed elements; -2 can equal no id.
-    added, removed = (_changed_element(scenes, sign) for sign in (1, -1))
-    changed_dt, changed_robot = dt.element == removed, robot.element == added
+    parts = [slice(start, start + _SCANS_AT_ONCE) for start in range(0, max(len(index), 1), _SCANS_AT_ONCE)]
+    return [_scanned(config, _rows(scenes, part), (index[part], directions), threads) for part in parts]
+
+
+def _rows(arrays, rows: slice):
+    """The given rooms of a tuple of arrays, however deep."""
+    if isinstance(arrays, tuple):
+        return type(arrays)(*(_rows(field, rows) for field in arrays))
+    return arrays[rows]
+
+
+def _scanned(config: PairConfig, scenes: Scenes, which: tuple[np.ndarray, np.ndarray], threads: int) -> Pairs:
+    """Both scans of some scenes, given their room numbers and the sensor's directions."""
+    index, directions = which
+    true_pose = _true_pose(config, scenes.pose, index)
+    assumed, true = (
+        Rays(pose.position, directions, rotation_of(pose.yaw, pose.pitch)) for pose in (scenes.pose, true_pose)
+    )
+    dt = cast_rays(scenes.primitives, scenes.in_prior, assumed, threads)
+    robot = cast_rays(scenes.primitives, scenes.in_real, true, threads)
+    changed_dt = _hits(scenes, dt, -1)
+    changed_robot = _hits(scenes, robot, 1)
 
     # Misses are infinitely far: a ray that hits nothing passed everything, and inf > inf is False.
-    testable_dt = dt.distance + np.float32(config.testable_margin) < robot.distance
-    testable_robot = robot.distance + np.float32(config.testable_margin) < dt.distance
-    found = np.sum((changed_dt & testable_dt) | (changed_robot & testable_robot), axis=1)
-    _, alone = cast_slots(scenes.primitives, scenes.change != 0, rays, threads)
-    fraction = found / np.where(np.any(scenes.change, axis=1), np.maximum(np.sum(alone >= 0, axis=1), 1), np.nan)
+    margin = np.float32(config.testable_margin)
+    if true_pose is scenes.pose:
+        testable_dt = dt.distance + margin < robot.distance
+        testable_robot = robot.distance + margin < dt.distance
+    else:
+        reach, beyond = _seen_from(config, scenes, (dt, assumed, true), threads)
+        testable_dt = reach + margin < beyond
+        expected, _ = cast_slots(scenes.primitives, scenes.in_prior, true, threads)
+        testable_robot = robot.distance + margin < expected
+    testable = (testable_dt, testable_robot)
+    fraction = _observable(scenes, ((dt, assumed), (robot, true)), testable, threads)
     noisy = robot._replace(distance=add_range_noise(robot.distance, config.range_noise, config.seed, index))
     return Pairs(
-        scenes.pose, directions, dt, noisy, changed_dt, changed_robot, testable_dt, testable_robot,
-        fraction.astype(np.float32), scenes.box,
+        scenes.pose, directions, dt, noisy, changed_dt, changed_robot, *testable, fraction, scenes.box, true_pose,
+        scenes.size,
     )  # fmt: skip
 
 
-def _changed_element(scenes: Scenes, sign: int) -> np.ndarray:
-    """(R, 1) id of the element that was added (+1) or removed (-1)."""
-    changed = scenes.change == sign
-    return np.max(np.where(changed, scenes.primitives.element, -2), axis=1, keepdims=True)
+def _true_pose(config: PairConfig, pose: Pose, index: np.ndarray) -> Pose:
+    """Where the robot really stands: the same pose when there is no error."""
+    if config.position_error == config.angle_error == 0.0:
+        return pose
+    key = draws.keys(config.seed, index)
+    # Within the sensor's gap, so that no error puts the robot into something.
+    shift = config.position_error * draws.normal(key, "position error", 3)
+    length = np.linalg.norm(shift, axis=1, keepdims=True)
+    shift *= np.minimum(1.0, 0.9 * config.sensor_gap / np.maximum(length, 1e-9))
+    turn = config.angle_error * draws.normal(key, "angle error", 2)
+    position = (pose.position + shift).astype(np.float32)
+    return Pose(position, (pose.yaw + turn[:, 0]).astype(np.float32), (pose.pitch + turn[:, 1]).astype(np.float32))
+
+
+def _hits(scenes: Scenes, scan: Scan, change: int) -> np.ndarray:
+    """(R, P) bool: the ray hits an element that was added (+1) or removed (-1)."""
+    hit = np.zeros(scan.element.shape, bool)
+    # -2 can equal no id.
+    for element in np.where(scenes.box.change == change, scenes.box.element, -2).T:
+        hit |= scan.element == element[:, None]
+    return hit
+
+
+def _seen_from(
+    config: PairConfig, scenes: Scenes, scans: tuple[Scan, Rays, Rays], threads: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """From the true place: the distance to each DT point, inf outside the field of view, and how far reality goes."""
+    dt, assumed, true = scans
+    there = np.isfinite(dt.distance)
+    ray = assumed.direction[None] @ assumed.rotation.transpose(0, 2, 1)
+    offset = assumed.origin[:, None] + np.where(there, dt.distance, 1.0)[..., None] * ray - true.origin[:, None]
+    reach = np.linalg.norm(offset, axis=-1)
+    toward = offset / reach[..., None]
+    beyond, _ = cast_slots(scenes.primitives, scenes.in_real, Rays(true.origin, toward.astype(np.float32)), threads)
+    x, y, z = np.moveaxis(toward @ true.rotation, -1, 0)
+    wide, high = (np.tan(np.radians(fov) / 2) for fov in (config.sensor.horizontal_fov, config.sensor.vertical_fov))
+    seen = there & (x > 0) & (np.abs(y) <= wide * x) & (np.abs(z) <= high * x)
+    return np.where(seen, reach, np.inf).astype(np.float32), beyond
+
+
+def _observable(scenes: Scenes, scans: tuple, testable: tuple[np.ndarray, np.ndarray], threads: int) -> np.ndarray:
+    """(R, M) float32: testable rays of each changed object over the rays that hit it when it stands alone."""
+    room_count, count = scenes.box.change.shape
+    fraction = np.full((room_count, count), np.nan, np.float32)
+    first = scenes.change.shape[1] - count
+    for part in range(count):
+        alone = np.zeros(scenes.change.shape, bool)
+        alone[:, first + part] = scenes.change[:, first + part] != 0
+        if not np.any(alone):
+            continue
+        removed = bool(np.any(scenes.box.change[:, part] < 0))  # the same in all rooms of a scenario
+        (scan, rays), told = (scans[0], testable[0]) if removed else (scans[1], testable[1])
+        found = np.sum((scan.element == scenes.box.element[:, part, None]) & told, axis=1)
+        _, slot = cast_slots(scenes.primitives, alone, rays, threads)
+        hits = np.maximum(np.sum(slot >= 0, axis=1), 1)
+        fraction[:, part] = np.where(scenes.box.change[:, part] != 0, found / hits, np.nan)
+    return fraction
 
 
 def joined(parts: list[Pairs]) -> Pairs:

@@ -77,10 +77,8 @@ def draw_poses(
         reach = size[:, axis, None] / 2
         place.append(draws.between(key, f"sensor {axis}", (standing.gap - reach, reach - standing.gap), standing.tries))
     place = np.stack(place, axis=-1)
-    distance = footprints.point_distance(place, footprints.of_primitives(primitives))
     # A hair more than the gap, so that it still holds once the place is rounded to float32.
-    free = np.min(distance, axis=2) > standing.gap + 1e-5
-    first = np.argmax(free, axis=1)
+    first = footprints.first_clear_point(place, footprints.of_primitives(primitives), standing.gap + 1e-5)
     rooms = np.arange(len(key))
     low, high = standing.height_range
     # A single height stays what it is: only a range gives way to the ceiling.
@@ -89,4 +87,4 @@ def draw_poses(
     position = np.column_stack([place[rooms, first], height]).astype(np.float32)
     yaw = draws.between(key, "sensor yaw", (-180.0, 180.0), 1)[:, 0].astype(np.float32)
     pitch = draws.between(key, "sensor pitch", standing.pitch, 1)[:, 0].astype(np.float32)
-    return Pose(position, yaw, pitch), free[rooms, first]
+    return Pose(position, yaw, pitch), first >= 0

@@ -1,25 +1,28 @@
-"""A room becomes a prior and a reality that differ in one object, seen from one pose.
+"""A room becomes a prior and a reality that differ in one object or several, seen from one pose.
 
-Draws are rejected until the changed object stands free and in view; every attempt has its own keys, so a room's
-outcome depends on nothing but its seed and index. R rooms, K slots of primitives (the last one is the changed object).
+Draws are rejected until the changed objects stand free and in view; every attempt has its own keys, so a room's
+outcome depends on nothing but its seed and index. R rooms, K slots of primitives, the last M for the changed objects.
 """
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
 
-from warp_scanner import draws, footprints, rooms, scenes
-from warp_scanner.footprints import Footprints
+from warp_scanner import draws, rooms, scenes
+from warp_scanner.changes import ADDED, PARTS, REMOVED, TOUCHING, Part, Ranges, Room, place_parts
 from warp_scanner.rooms import RoomConfig
 from warp_scanner.scan import Rays, cast_slots
-from warp_scanner.scenes import BOX, CHAIR, CYLINDER, GAP, PILLAR, TABLE, WALL, Primitives
+from warp_scanner.scenes import GAP, Primitives
 from warp_scanner.sensors import Pinhole, Pose, Standing, draw_poses, rotation_of
 
 SCENARIOS = ("pillar_added", "wall_added", "pillar_removed", "wall_removed")
+MULTI_SCENARIOS = tuple(name for name in PARTS if name not in (*SCENARIOS, "unchanged"))
 CONDITIONS = ("clean", "occluded")
 
 _ATTEMPT_LIMIT = 2000
+_AHEAD = 8  # attempts at once, at most
 _COARSE = 4  # the preview casts every 4th column and row of the grid that counts
 
 
@@ -27,8 +30,8 @@ _COARSE = 4  # the preview casts every 4th column and row of the grid that count
 class SceneConfig:
     """Which scenes to draw; lengths in metres."""
 
-    scenario: str = "pillar_added"  # one of SCENARIOS, or "unchanged"
-    condition: str = "clean"  # "clean": no furniture in reality; "occluded": with it
+    scenario: str = "pillar_added"  # one of SCENARIOS or MULTI_SCENARIOS, or "unchanged"
+    condition: str = "clean"  # "clean": no furniture; "occluded": with it
     room: RoomConfig = RoomConfig()
     standing: Standing = Standing()
     horizontal_fov: float = 80.0  # [deg] of the sensor that has to see the changed object
@@ -37,18 +40,42 @@ class SceneConfig:
     wall_length: tuple[float, float] = (1.5, 4.5)
     wall_thickness: tuple[float, float] = (0.1, 0.3)
     mismatch_gap: float = 0.3  # least gap between the changed object and everything else
+    mismatch_rotation: tuple[float, float] = (0.0, 0.0)  # [rad] turn of the changed object, to either side
+    touching: str = "never"  # changed walls end at existing "structure", or "walls": further ones at the first of them
+    prior_furniture: str = "none"  # or "moved": the occluded prior holds reality's furniture at other places
     minimum_rays: int = 60  # of a 320 x 200 grid that hit the changed object when there is no furniture
     furniture_share: float = 0.05  # least share of rays that hit furniture in the occluded scene
     places: int = 96  # places of the changed object tried per attempt
     attempts_per_layout: int = 20  # attempts before the room itself is drawn anew
 
     def __post_init__(self):
-        if self.scenario not in (*SCENARIOS, "unchanged"):
-            raise ValueError(f"scenario must be one of {(*SCENARIOS, 'unchanged')}, got {self.scenario!r}")
-        if self.condition not in CONDITIONS:
-            raise ValueError(f"condition must be one of {CONDITIONS}, got {self.condition!r}")
+        words = (
+            ("scenario", tuple(PARTS)),
+            ("condition", CONDITIONS),
+            ("touching", TOUCHING),
+            ("prior_furniture", ("none", "moved")),
+        )
+        for name, allowed in words:
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} must be one of {allowed}, got {getattr(self, name)!r}")
         if not 0.0 <= self.furniture_share <= 0.5:
             raise ValueError(f"furniture_share must be between 0 and 0.5, got {self.furniture_share}")
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The objects that change."""
+        return PARTS[self.scenario]
+
+    @property
+    def prior_slots(self) -> int:
+        """Slots for furniture that stands in the prior only, just before those of the changed objects."""
+        return rooms.furniture_slots(self.room) if self.prior_furniture == "moved" else 0
+
+    @property
+    def ranges(self) -> Ranges:
+        """What the changed objects are drawn from."""
+        sizes = (self.pillar_width, self.wall_length, self.wall_thickness, self.mismatch_rotation)
+        return Ranges(*sizes, self.mismatch_gap, self.standing.gap, self.horizontal_fov, self.touching, self.places)
 
     @property
     def grid(self) -> Pinhole:
@@ -57,12 +84,15 @@ class SceneConfig:
 
 
 class TrueBox(NamedTuple):
-    """The changed objects of R rooms; NaN and NOTHING where nothing changed."""
+    """The changed objects of R rooms, M each; NaN, NOTHING, 0 and -1 where there are fewer."""
 
-    center: np.ndarray  # (R, 3) float32 [m] world
-    size: np.ndarray  # (R, 3) float32 [m] full edge lengths along the own axes
-    yaw: np.ndarray  # (R,) float32 [deg]
-    object_type: np.ndarray  # (R,) uint8: scenes.PILLAR or scenes.WALL
+    center: np.ndarray  # (R, M, 3) float32 [m] world
+    size: np.ndarray  # (R, M, 3) float32 [m] full edge lengths along the own axes
+    yaw: np.ndarray  # (R, M) float32 [deg]
+    object_type: np.ndarray  # (R, M) uint8: scenes.PILLAR or scenes.WALL
+    change: np.ndarray  # (R, M) int8: +1 added, -1 removed
+    element: np.ndarray  # (R, M) int32 id in the scans
+    moved_from: np.ndarray  # (R, M) int32: which of the M it was before it moved; -1 for what did not
 
 
 class Scenes(NamedTuple):
@@ -74,6 +104,7 @@ class Scenes(NamedTuple):
     change: np.ndarray  # (R, K) int8: +1 added, -1 removed, 0 the same
     box: TrueBox
     pose: Pose  # of the sensor in both
+    size: np.ndarray  # (R, 3) float32 [m] inside of the shells
 
 
 def make_scenes(config: SceneConfig, seed: int, index: np.ndarray, threads: int | None = None) -> Scenes:
@@ -86,62 +117,82 @@ def make_scenes(config: SceneConfig, seed: int, index: np.ndarray, threads: int 
         RuntimeError: a room admits no scene within 2000 attempts.
     """
     index = np.asarray(index)
-    layout = rooms.make_rooms(config.room, seed, index)
-    nobody = scenes.take(layout, np.zeros(0, int))
+    layout, size = _layout(config, seed, index, 0)
+    nobody = scenes.take(layout, np.zeros(0, int)), size[:0]
     parts = [_attempt(config, (seed, index[:0], 0), nobody, threads)]  # gives a call without rooms its shapes
     pending, attempt = np.arange(len(index)), 0
     while len(pending):
-        if attempt == _ATTEMPT_LIMIT:
+        if attempt >= _ATTEMPT_LIMIT:
             where = f"{config.scenario} scene for index {index[pending[0]]}"
             raise RuntimeError(f"no {where} in {_ATTEMPT_LIMIT} attempts; the room settings leave too little space")
         if attempt and attempt % config.attempts_per_layout == 0:
-            variant = attempt // config.attempts_per_layout
-            layout = rooms.make_rooms(config.room, seed, index[pending], variant)
-        chosen, primitives, pose = _attempt(config, (seed, index[pending], attempt), layout, threads)
-        parts.append((pending[chosen], primitives, pose))
-        waiting = np.delete(np.arange(len(pending)), chosen)
-        pending, layout = pending[waiting], scenes.take(layout, waiting)
-        attempt += 1
+            layout, size = _layout(config, seed, index[pending], attempt // config.attempts_per_layout)
+        # Few rooms try several times at once, within their layout: each keeps the first attempt that succeeds.
+        ahead = min(_AHEAD, max(1, len(index) // (2 * len(pending))))
+        ahead = min(ahead, config.attempts_per_layout - attempt % config.attempts_per_layout, _ATTEMPT_LIMIT - attempt)
+        room = np.repeat(np.arange(len(pending)), ahead)
+        tried = (seed, index[pending[room]], attempt + np.tile(np.arange(ahead), len(pending)))
+        chosen, primitives, pose = _attempt(config, tried, (scenes.take(layout, room), size[room]), threads)
+        done, first = np.unique(room[chosen], return_index=True)
+        parts.append((pending[done], *_rows(primitives, pose, first), size[done]))
+        waiting = np.delete(np.arange(len(pending)), done)
+        pending, layout, size = pending[waiting], scenes.take(layout, waiting), size[waiting]
+        attempt += ahead
+    parts[0] = (*parts[0], size[:0])
     order = np.argsort(np.concatenate([part[0] for part in parts]), kind="stable")
     primitives = Primitives(*(np.concatenate(f)[order] for f in zip(*(part[1] for part in parts), strict=True)))
     pose = Pose(*(np.concatenate(f)[order] for f in zip(*(part[2] for part in parts), strict=True)))
-    return _as_scenes(config, primitives, pose)
+    size = np.concatenate([part[3] for part in parts])[order]
+    return _as_scenes(config, primitives, pose, size)
 
 
-def _as_scenes(config: SceneConfig, primitives: Primitives, pose: Pose) -> Scenes:
-    structure = scenes.is_structure(primitives)
-    furniture = (primitives.kind != GAP) & ~structure
-    changed = np.zeros_like(structure)
-    changed[:, -1] = primitives.kind[:, -1] != GAP
-    added = config.scenario.endswith("added")
-    in_real = structure | furniture if config.condition == "occluded" else structure
-    in_prior = structure & ~changed if added else structure
-    in_real = in_real if added else in_real & ~changed
-    change = np.where(changed, np.int8(1 if added else -1), np.int8(0))
-    last = Primitives(*(field[:, -1] for field in primitives))
-    there = last.kind != GAP
+def _layout(config: SceneConfig, seed: int, index: np.ndarray, variant: int) -> tuple[Primitives, np.ndarray]:
+    """Rooms without changes, with the furniture of the prior if it has any, and their sizes."""
+    layout = rooms.make_rooms(config.room, seed, index, variant, threads=1)
+    if config.prior_slots:
+        layout = scenes.join(layout, rooms.rearranged(config.room, seed, index, variant))
+    return layout, rooms.room_sizes(config.room, seed, index, variant)
+
+
+def _as_scenes(config: SceneConfig, primitives: Primitives, pose: Pose, size: np.ndarray) -> Scenes:
+    structure, there = scenes.is_structure(primitives), primitives.kind != GAP
+    columns, count = _columns(config, primitives), len(config.parts)
+    change = np.zeros(there.shape, np.int8)
+    last = slice(there.shape[1] - count, None)
+    change[:, last] = np.array([part.change for part in config.parts], np.int8) * there[:, last]
+    occluded = config.condition == "occluded"
+    in_prior = (structure | (there & ~columns & occluded)) & (change != ADDED)
+    in_real = (structure | (there & columns & occluded)) & (change != REMOVED)
+    moved_from = np.array([part.moved_from for part in config.parts], np.int32)
+    objects, here = scenes.take_slots(primitives, last), there[:, last]
     box = TrueBox(
-        np.where(there[:, None], last.center, np.nan).astype(np.float32),
-        np.where(there[:, None], 2.0 * last.half_size, np.nan).astype(np.float32),
-        np.where(there, np.degrees(last.yaw), np.nan).astype(np.float32),
-        last.semantic,
+        np.where(here[..., None], objects.center, np.nan).astype(np.float32),
+        np.where(here[..., None], 2.0 * objects.half_size, np.nan).astype(np.float32),
+        np.where(here, np.degrees(objects.yaw), np.nan).astype(np.float32),
+        objects.semantic,
+        change[:, last],
+        objects.element,
+        np.where(here, moved_from, -1).astype(np.int32),
     )
-    return Scenes(primitives, in_prior, in_real, change, box, pose)
+    return Scenes(primitives, in_prior, in_real, change, box, pose, size.astype(np.float32))
 
 
 def _attempt(
-    config: SceneConfig, which: tuple, layout: Primitives, threads: int | None
+    config: SceneConfig, which: tuple, layout: tuple[Primitives, np.ndarray], threads: int | None
 ) -> tuple[np.ndarray, Primitives, Pose]:
     """One attempt at every room of the layout: which rooms succeeded, with their primitives and poses.
 
     The tests go from cheap to dear, and each sees only the rooms that passed those before.
     """
-    seed, index, attempt = which
-    key = draws.keys(seed, index, attempt, (*SCENARIOS, "unchanged").index(config.scenario))
-    pose, good = draw_poses(layout, config.room.size, config.standing, key)
-    mismatch, placed = _place_mismatch(config, layout, pose, key)
-    chosen = np.flatnonzero(good & placed)
-    primitives, pose = _rows(scenes.join(layout, mismatch), pose, chosen)
+    (seed, index, attempt), (primitives, size) = which, layout
+    key = draws.keys(seed, index, attempt, list(PARTS).index(config.scenario))
+    pose, good = draw_poses(primitives, size, config.standing, key)
+    chosen = np.flatnonzero(good)
+    primitives, pose = _rows(primitives, pose, chosen)
+    room = Room(primitives, size[chosen], pose, key[chosen])
+    objects, placed = place_parts(config.parts, config.ranges, room, rooms.element_count(config.room))
+    chosen, placed = chosen[placed], np.flatnonzero(placed)
+    primitives, pose = _rows(scenes.join(primitives, objects), pose, placed)
     for test in (_has_furniture_in_view, _shows_the_change):
         good = np.flatnonzero(test(config, primitives, pose, threads))
         chosen, (primitives, pose) = chosen[good], _rows(primitives, pose, good)
@@ -152,93 +203,55 @@ def _rows(primitives: Primitives, pose: Pose, chosen: np.ndarray) -> tuple[Primi
     return scenes.take(primitives, chosen), Pose(*(field[chosen] for field in pose))
 
 
-def _place_mismatch(
-    config: SceneConfig, layout: Primitives, pose: Pose, key: np.ndarray
-) -> tuple[Primitives, np.ndarray]:
-    """The changed object as a table of one slot, at the first free place in view; and whether there is one."""
-    room_count, tries = len(key), config.places
-    wall = config.scenario.startswith("wall")
-    angle = np.radians(pose.yaw[:, None] + config.horizontal_fov * (draws.uniform(key, "change angle", tries) - 0.5))
-    heading = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
-    sight, _ = cast_slots(layout, scenes.is_structure(layout), Rays(pose.position, heading), threads=1)
-    # The root makes every square metre within sight as likely as any other in its direction.
-    reach = sight * np.sqrt(draws.uniform(key, "change distance", tries))
-    place = pose.position[:, None, :2] + reach[..., None] * heading[..., :2]
-    if wall:
-        along = draws.between(key, "change length", config.wall_length, tries)
-        across = draws.between(key, "change thickness", config.wall_thickness, tries)
-        turned = draws.uniform(key, "change turned", tries) < 0.5
-        half = np.stack([np.where(turned, across, along), np.where(turned, along, across)], axis=-1) / 2
-        kind = np.full((room_count, tries), BOX)
-    else:
-        width = draws.between(key, "change width", config.pillar_width, tries)
-        half = np.stack([width, width], axis=-1) / 2
-        kind = np.where(draws.uniform(key, "change round", tries) < 0.5, CYLINDER, BOX)
-
-    everywhere = np.ones((room_count, tries), bool)
-    marks = Footprints(place, half, np.zeros((room_count, tries)), everywhere)
-    clear = footprints.inside(marks, np.array(config.room.size[:2]) / 2)
-    # A hair more than the gaps, so that they still hold once everything is rounded to float32.
-    clear &= footprints.gaps(marks, _compact(footprints.of_primitives(layout))).min(axis=2) > config.mismatch_gap + 1e-5
-    sensor = footprints.point_distance(pose.position[:, None, :2].astype(np.float64), marks)[:, 0]
-    clear &= sensor > config.standing.gap + 1e-5
-
-    rows, first = np.arange(room_count), np.argmax(clear, axis=1)
-    found = clear[rows, first]
-    if config.scenario == "unchanged":
-        return _one_slot(config, np.zeros_like(kind[:, 0]), place[rows, first], half[rows, first]), np.ones_like(found)
-    return _one_slot(config, kind[rows, first], place[rows, first], half[rows, first]), found
+def _rays(pose: Pose, grid: Pinhole) -> Rays:
+    return Rays(pose.position, _directions(grid), rotation_of(pose.yaw, pose.pitch))
 
 
-def _one_slot(config: SceneConfig, kind: np.ndarray, place: np.ndarray, half: np.ndarray) -> Primitives:
-    """A table of one full-height primitive per room, standing at `place` (R, 2); kind GAP leaves the slot empty."""
-    there = kind != GAP
-    semantic = WALL if config.scenario.startswith("wall") else PILLAR
-    center = np.column_stack([place, np.zeros(len(kind))]) * there[:, None]
-    half_size = np.column_stack([half, np.full(len(kind), config.room.size[2] / 2)]) * there[:, None]
-    return Primitives(
-        kind[:, None].astype(np.uint8),
-        center[:, None].astype(np.float32),
-        half_size[:, None].astype(np.float32),
-        np.zeros((len(kind), 1), np.float32),
-        np.where(there, rooms.element_count(config.room), -1)[:, None].astype(np.int32),
-        np.where(there, semantic, 0)[:, None].astype(np.uint8),
-    )
-
-
-def _compact(marks: Footprints) -> Footprints:
-    """The same rectangles without the columns that are gaps in every room."""
-    order = np.argsort(~marks.valid, axis=1, kind="stable")[:, : max(1, int(marks.valid.sum(axis=1).max(initial=0)))]
-    center, half_size = (np.take_along_axis(field, order[..., None], axis=1) for field in marks[:2])
-    yaw, valid = (np.take_along_axis(field, order, axis=1) for field in marks[2:])
-    return Footprints(center, half_size, yaw, valid)
-
-
-def _rays(pose: Pose, directions: np.ndarray) -> Rays:
-    return Rays(pose.position, directions, rotation_of(pose.yaw, pose.pitch))
+@functools.lru_cache(maxsize=8)
+def _directions(grid: Pinhole) -> np.ndarray:
+    """The grid's rays, which every attempt needs."""
+    return grid.directions()
 
 
 def _has_furniture_in_view(config: SceneConfig, primitives: Primitives, pose: Pose, threads: int | None) -> np.ndarray:
-    """(R,) bool: enough furniture is in view, and at least a glimpse of the changed object.
+    """(R,) bool: enough furniture is in view, and at least a glimpse of each changed object.
 
-    Asked of clean scenes too, because the two conditions share room, pose and changed object.
+    Asked of clean scenes too, because the two conditions share room, pose and changed objects.
     """
     grid = config.grid
-    preview = dataclasses.replace(grid, width=grid.width // _COARSE, height=grid.height // _COARSE).directions()
+    preview = dataclasses.replace(grid, width=grid.width // _COARSE, height=grid.height // _COARSE)
     rays = _rays(pose, preview)
-    _, slot = cast_slots(primitives, None, rays, threads)
-    furniture = (slot >= 0) & np.isin(np.take_along_axis(primitives.semantic, np.maximum(slot, 0), 1), (TABLE, CHAIR))
-    enough = furniture.mean(axis=1) >= config.furniture_share
-    if config.scenario == "unchanged":
+    structure = scenes.is_structure(primitives)
+    furniture = ~structure & _columns(config, primitives)
+    _, slot = cast_slots(primitives, structure | furniture, rays, threads)
+    hit = (slot >= 0) & np.take_along_axis(furniture, np.maximum(slot, 0), 1)
+    enough = hit.mean(axis=1) >= config.furniture_share
+    if not config.parts:
         return enough
-    _, slot = cast_slots(primitives, scenes.is_structure(primitives), rays, threads)
-    return enough & np.any(slot == primitives.kind.shape[1] - 1, axis=1)
+    _, slot = cast_slots(primitives, structure, rays, threads)
+    return enough & _all_seen(config, primitives, slot, 1)
+
+
+def _columns(config: SceneConfig, primitives: Primitives) -> np.ndarray:
+    """(K,) bool: False for the slots of furniture that stands in the prior only."""
+    column = np.arange(primitives.kind.shape[1])
+    end = len(column) - len(config.parts)
+    return (column < end - config.prior_slots) | (column >= end)
+
+
+def _all_seen(config: SceneConfig, primitives: Primitives, slot: np.ndarray, least: int) -> np.ndarray:
+    """(R,) bool: at least so many rays (R, P), told by the slot they hit, hit each changed object that is there."""
+    first = primitives.kind.shape[1] - len(config.parts)
+    hits = [np.sum(slot == first + part, axis=1) for part in range(len(config.parts))]
+    return np.all(
+        [(count >= least) | (primitives.kind[:, first + part] == GAP) for part, count in enumerate(hits)], axis=0
+    )
 
 
 def _shows_the_change(config: SceneConfig, primitives: Primitives, pose: Pose, threads: int | None) -> np.ndarray:
-    """(R,) bool: enough rays hit the changed object in the clean scene that contains it."""
-    if config.scenario == "unchanged" or len(primitives.kind) == 0:
+    """(R,) bool: enough rays hit each changed object in the clean scene that contains them all."""
+    if not config.parts or len(primitives.kind) == 0:
         return np.ones(len(primitives.kind), bool)
-    rays = _rays(pose, config.grid.directions())
+    rays = _rays(pose, config.grid)
     _, slot = cast_slots(primitives, scenes.is_structure(primitives), rays, threads)
-    return np.sum(slot == primitives.kind.shape[1] - 1, axis=1) >= config.minimum_rays
+    return _all_seen(config, primitives, slot, config.minimum_rays)

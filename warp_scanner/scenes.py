@@ -9,8 +9,10 @@ import numpy as np
 
 GAP, BOX, CYLINDER = 0, 1, 2  # kinds of primitives; a gap is an empty slot
 
-NOTHING, FLOOR, CEILING, WALL, PILLAR, DOOR, TABLE, CHAIR, WINDOW, FURNITURE, OTHER = range(11)  # semantic classes
+# Semantic classes.
+NOTHING, FLOOR, CEILING, WALL, PILLAR, DOOR, TABLE, CHAIR, WINDOW, FURNITURE, OTHER, CABINET, CARTON, PERSON = range(14)
 STRUCTURE = (FLOOR, CEILING, WALL, PILLAR, DOOR)
+_IS_STRUCTURE = np.isin(np.arange(256), STRUCTURE)
 
 
 class Primitives(NamedTuple):
@@ -50,12 +52,17 @@ def solids(valid: np.ndarray, center: list, half_size: list, yaw: np.ndarray | f
 
 def is_structure(primitives: Primitives) -> np.ndarray:
     """(R, K) bool: True for what a building model holds, False for furniture and gaps."""
-    return np.isin(primitives.semantic, STRUCTURE) & (primitives.kind != GAP)
+    return _IS_STRUCTURE[primitives.semantic] & (primitives.kind != GAP)
 
 
 def take(primitives: Primitives, rooms: np.ndarray) -> Primitives:
     """The given rooms (indices or a mask) of a table."""
     return Primitives(*(field[rooms] for field in primitives))
+
+
+def take_slots(primitives: Primitives, slots: slice) -> Primitives:
+    """The given slots of all rooms."""
+    return Primitives(*(field[:, slots] for field in primitives))
 
 
 def join(*tables: Primitives) -> Primitives:
