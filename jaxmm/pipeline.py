@@ -92,17 +92,21 @@ def _alike(value: Any, default: Any) -> bool:
 
 def clouds(config: Config, source: CloudSource, index: np.ndarray) -> Iterator[tuple[LabelledCloud, RoomTruth]]:
     """The clouds of the given rooms, each a pure function of (config, source, its index), a few rooms at a time."""
-    settings = pair_config(config, source)
     with ThreadPoolExecutor() as pool:
         for start in range(0, len(index), ROOMS_AT_ONCE):
             part = np.asarray(index[start : start + ROOMS_AT_ONCE])
-            pairs = make_pairs(settings, part)
-            made = pool.map(lambda row, pairs=pairs: _cloud(config, source, pairs, row), range(len(part)))
+            pairs = pairs_of(config, source, part)
+            made = pool.map(lambda row, pairs=pairs: cloud_of(config, source, pairs, row), range(len(part)))
             for row, cloud in enumerate(made):
-                yield cloud, _truth(source, pairs, row, int(part[row]))
+                yield cloud, truth_of(source, pairs, row, int(part[row]))
 
 
-def _cloud(config: Config, source: CloudSource, pairs: Pairs, row: int) -> LabelledCloud:
+def pairs_of(config: Config, source: CloudSource, index: np.ndarray, threads: int | None = None) -> Pairs:
+    """Both scans of the given rooms, with the truth about every ray."""
+    return make_pairs(pair_config(config, source), index, threads)
+
+
+def cloud_of(config: Config, source: CloudSource, pairs: Pairs, row: int) -> LabelledCloud:
     """Preprocess both scans of one pair and label the side that the scenario's model sees."""
     dt, robot = (_preprocessed(config, pairs, scan, row) for scan in (pairs.dt, pairs.robot))
     removed = source.scenario.endswith("removed")
@@ -142,7 +146,8 @@ def _preprocessed(config: Config, pairs: Pairs, scan, row: int) -> tuple[np.ndar
     return points[pixel], pixel
 
 
-def _truth(source: CloudSource, pairs: Pairs, row: int, index: int) -> RoomTruth:
+def truth_of(source: CloudSource, pairs: Pairs, row: int, index: int) -> RoomTruth:
+    """What changed in room number `index`, which stands in row `row` of the pairs."""
     box = pairs.box
     truth = Box(source.scenario.split("_")[0], box.center[row], box.size[row], float(box.yaw[row]))
     return RoomTruth(index, truth, float(pairs.observable_fraction[row]))
