@@ -3,6 +3,7 @@
 One process writes; engines only compute, so a shard's bytes depend on nothing but settings and index range.
 """
 
+import contextlib
 import shutil
 import sys
 import time
@@ -128,8 +129,11 @@ def _fill(config: Config, folder: Path, manifest: Manifest, how: tuple) -> None:
                     shards.write_manifest(folder, manifest)
                     written, cost = time.monotonic(), time.monotonic() - begin
                 bar.update(span[1] - span[0])
-        finally:
-            shards.write_manifest(folder, manifest)
+        except BaseException:
+            with contextlib.suppress(OSError):  # a full disk is told of by the error that comes first
+                shards.write_manifest(folder, manifest)
+            raise
+        shards.write_manifest(folder, manifest)
 
 
 def _stored(folder: Path, number: int, what: tuple[tuple[int, int], bytes, Entry | None]) -> Entry:

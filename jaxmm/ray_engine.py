@@ -8,12 +8,15 @@ import functools
 import itertools
 import logging
 import os
+import re
+import socket
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from jaxmm import runs
 from jaxmm.inputs import InputError
 
+PATIENCE = 5.0  # [s] for the first answer of a cluster; Ray itself would try for minutes
 RETRIES = 10  # of one task whose worker died
 OWN = ("threads", "git_commit")  # versions that may differ between machines whose bits agree
 
@@ -24,6 +27,7 @@ def connect(workers: int | None = None) -> None:
     Raises:
         InputError: Ray is not installed, or the cluster cannot be reached.
     """
+    os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")  # else its libraries print what is told below
     try:
         import ray
     except ImportError as error:
@@ -31,12 +35,28 @@ def connect(workers: int | None = None) -> None:
     if ray.is_initialized():
         return
     address = os.environ.get("RAY_ADDRESS")
+    _knock(address)
     local = {} if address else {"num_cpus": workers, "include_dashboard": False}
     try:
         ray.init(address=address or "local", log_to_driver=False, logging_level=logging.CRITICAL, **local)
     except Exception as error:  # Ray raises many kinds, all of which mean this
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise InputError(f"--engine: no Ray cluster to be reached at {address or 'this machine'}: {reason}") from error
+        raise _unreachable(address, reason) from error
+
+
+def _knock(address: str | None) -> None:
+    """Refuse an address at which nobody answers."""
+    place = re.fullmatch(r"(?:ray://)?\[?([^/\]]+)\]?:(\d{1,5})", address or "")
+    if place is None:  # auto, local, or a name that Ray resolves
+        return
+    try:
+        socket.create_connection((place[1], int(place[2])), PATIENCE).close()
+    except (OSError, OverflowError, UnicodeError) as error:
+        raise _unreachable(address, getattr(error, "strerror", None) or str(error)) from error
+
+
+def _unreachable(address: str | None, reason: str) -> InputError:
+    return InputError(f"--engine: no Ray cluster to be reached at {address or 'this machine'}: {reason}")
 
 
 def results(function: Callable[..., Any], tasks: Iterable[tuple], workers: int | None = None) -> Iterator[tuple]:

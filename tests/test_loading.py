@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxmm import loading, pipeline, shards
+from jaxmm import pipeline, shards
 from jaxmm.batches import LabelledCloud, Sampler
 from jaxmm.config import CONDITIONS, SCENARIOS, Config, ConfigError, DataConfig, ScanConfig
 from jaxmm.generate import Request, generate
