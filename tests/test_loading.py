@@ -7,7 +7,8 @@ import jax
 import numpy as np
 import pytest
 
-from jaxmm import pipeline, shards
+from jaxmm import config as settings
+from jaxmm import pipeline, reproduce, runs, shards
 from jaxmm.batches import LabelledCloud, Sampler
 from jaxmm.config import CONDITIONS, SCENARIOS, Config, ConfigError, DataConfig, ScanConfig
 from jaxmm.generate import Request, generate
@@ -154,3 +155,16 @@ def test_source_and_folder_go_together():
         with pytest.raises(ConfigError, match="shards must name a folder"):
             DataConfig(**wrong)
     assert DataConfig(source="shards", shards="somewhere").shards == "somewhere"
+
+
+def test_training_from_shards_gives_the_weights_that_training_from_rooms_gives(tiny_config, tmp_path):
+    rooms = settings.load(tiny_config)
+    generate(rooms, tmp_path / "data", Request(16, workers=1))
+    stored = dataclasses.replace(rooms.data, source="shards", shards=str(tmp_path / "data"))
+    results = []
+    for name, config in (("rooms", rooms), ("shards", dataclasses.replace(rooms, data=stored))):
+        with runs.open_run(tmp_path / name, config):
+            results.append(reproduce.train_stage(config, tmp_path / name))
+    assert_same(*results)
+    lines = [(tmp_path / name / runs.METRICS).read_bytes() for name in ("rooms", "shards")]
+    assert lines[0] == lines[1] and lines[0].count(b"\n") == 6
