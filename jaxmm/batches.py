@@ -64,22 +64,31 @@ class Sampler(NamedTuple):
 
     def batch(self, step: int) -> Batch:
         """The batch of training step `step`, counted from 0. Each epoch is a new permutation of clouds and copies."""
-        shape = (len(self.clouds), self.batch_size, self.point_count)
+        return self.part(step, range(self.batch_size))
+
+    def part(self, step: int, slots: range) -> Batch:
+        """Some neighbouring slots of that batch, bit for bit as in the whole: what one of several hosts needs of it."""
+        shape = (len(self.clouds), len(slots), self.point_count)
         batch = Batch(
             features=np.zeros((*shape, TRAINED_METHODS[self.method]), np.float32),
             labels=np.zeros(shape, bool),
             mask=np.zeros(shape, bool),
             scored=np.zeros(shape, bool),
-            seeds=_generator(self.seed, 0, step).integers(0, 2**32, shape[:2], np.uint32),
+            seeds=self._seeds(step)[:, slots.start : slots.stop],
         )
         for scenario, clouds in enumerate(self.clouds):
-            for slot in range(self.batch_size):
+            for slot in slots:
                 epoch, place = divmod(step * self.batch_size + slot, len(clouds) * self.copies)
                 item = _epoch_order(self.seed, scenario, epoch, len(clouds) * self.copies)[place]
                 index, copy = divmod(int(item), self.copies)
                 rng = _generator(self.seed, 1, scenario, step, slot)
-                _fill(batch, (scenario, slot), self._moved(clouds[index], scenario, index, copy), self, rng)
+                cloud = self._moved(clouds[index], scenario, index, copy)
+                _fill(batch, (scenario, slot - slots.start), cloud, self, rng)
         return batch
+
+    def _seeds(self, step: int) -> np.ndarray:
+        shape = (len(self.clouds), self.batch_size)
+        return _generator(self.seed, 0, step).integers(0, 2**32, shape, np.uint32)
 
     def _moved(self, cloud: LabelledCloud, scenario: int, index: int, copy: int) -> LabelledCloud:
         """Copy 0 is the cloud itself; 1 to 3 are its fixed augmentations."""

@@ -11,6 +11,7 @@ from typing import NoReturn
 from jaxmm.config import CONDITIONS, MOST_ROOMS, SCENARIOS
 from jaxmm.inputs import InputError
 
+ENGINES = ("local", "ray")
 THESIS_METHODS = ("released", "nn-raw", "nn", "xyz_nn")
 
 
@@ -76,6 +77,16 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("config", type=Path, metavar="CONFIG", help="settings, a TOML file")
     _add_out(command)
 
+    command = _command(commands, "generate", _generate, "jaxmm generate configs/generate.toml --out shards --count 100")
+    command.add_argument("config", type=Path, metavar="CONFIG", help="settings, a TOML file")
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the shards")
+    command.add_argument("--count", type=int, required=True, metavar="N", help="pairs to make")
+    command.add_argument("--engine", choices=ENGINES, default="local", help="this machine's cores, or a Ray cluster")
+    command.add_argument("--workers", type=int, metavar="N", help="processes, default one a core")
+    command.add_argument("--raw", action="store_true", help="also store both raw scans of every pair")
+    command.add_argument("--verify", action="store_true", help="check the sha256 of every shard that is there")
+    command.add_argument("--repair", action="store_true", help="check them likewise, and make damaged shards again")
+
     command = _command(commands, "train", _train, "jaxmm train configs/demo.toml --out runs/mine")
     command.add_argument("config", type=Path, metavar="CONFIG", help="settings, a TOML file")
     command.add_argument("--resume", action="store_true", help="go on with the training that the run folder holds")
@@ -108,6 +119,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 ABOUT = {
+    "generate": "write shards of labelled clouds with their truth, resumable, on all cores or on a Ray cluster",
     "reproduce": "generate rooms, train the four models, evaluate them, write tables and figures (the main job)",
     "train": "generate the training rooms and train the four models",
     "evaluate": "score held-out rooms with the models of a run",
@@ -134,6 +146,15 @@ def _reproduce(options: argparse.Namespace) -> None:
     from jaxmm import pipeline, reproduce
 
     reproduce.reproduce(pipeline.load_config(options.config), _run_folder(options))
+
+
+def _generate(options: argparse.Namespace) -> None:
+    from jaxmm import generate, pipeline
+
+    asked = (getattr(options, name) for name in generate.Request._fields)
+    manifest = generate.generate(pipeline.load_config(options.config), options.out, generate.Request(*asked))
+    points = sum(entry.points for entry in manifest.shards.values())
+    print(f"shards: {options.out} ({manifest.count} pairs, {points} points in {len(manifest.shards)} files)")
 
 
 def _train(options: argparse.Namespace) -> None:

@@ -43,8 +43,12 @@ class DataConfig:
     train_seed: int = bounded(1, 0, 2**63 - 1)
     validation_seed: int = bounded(2, 0, 2**63 - 1)
     test_seed: int = bounded(3, 0, 2**63 - 1)
+    source: str = one_of("rooms", "rooms", "shards")  # of training clouds: rooms made as asked above, or stored ones
+    shards: str = ""  # folder that `jaxmm generate` wrote; all its pairs train, whatever train_rooms says
 
     def __post_init__(self):
+        if (self.source == "shards") != bool(self.shards):
+            raise ConfigError(f"shards must name a folder if, and only if, source is shards, got {self.shards!r}")
         seeds = (self.train_seed, self.validation_seed, self.test_seed)
         if len(set(seeds)) < 3:
             raise ConfigError(f"train, validation and test seeds must differ, got {seeds}")

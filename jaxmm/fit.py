@@ -1,5 +1,6 @@
 """Trains one method's four models to the end: batches, validation, early stop, checkpoints that resume to the bit."""
 
+import contextlib
 import logging
 from collections.abc import Callable
 from functools import partial
@@ -13,6 +14,7 @@ import orbax.checkpoint as ocp
 
 from jaxmm.batches import Batch, Sampler
 from jaxmm.config import TRAINED_METHODS, Config
+from jaxmm.loading import batches
 from jaxmm.train import Model, TrainState, Validation, init_all, train_step_all, validate_all
 
 Record = dict[str, Any]  # one validation, as a line of metrics.jsonl
@@ -53,13 +55,15 @@ def fit(
     options = ocp.CheckpointManagerOptions(
         max_to_keep=1, enable_async_checkpointing=False, create=True, cleanup_tmp_directories=True
     )
-    with ocp.CheckpointManager(folder.resolve(), options=options) as manager:
+    with contextlib.ExitStack() as stack:
+        manager = stack.enter_context(ocp.CheckpointManager(folder.resolve(), options=options))
         progress, records = _restore(manager, progress)
         step = records[-1]["step"] if records else 0
         report(step, records)
+        drawn = stack.enter_context(contextlib.closing(batches(sampler, step, config.train.step_count)))
         losses: list[jax.Array] = []
         while step < config.train.step_count and not _all_stopped(progress, config):
-            states, loss = train_step_all(progress.states, sampler.batch(step), config)
+            states, loss = train_step_all(progress.states, next(drawn), config)
             progress = progress._replace(states=states)
             losses.append(loss)
             step += 1

@@ -95,22 +95,34 @@ def _alike(value: Any, default: Any) -> bool:
 
 def clouds(config: Config, source: CloudSource, index: np.ndarray) -> Iterator[tuple[LabelledCloud, RoomTruth]]:
     """The clouds of the given rooms, each a pure function of (config, source, its index), a few rooms at a time."""
-    settings = pair_config(config, source)
-    with ThreadPoolExecutor() as pool:
-        for start in range(0, len(index), ROOMS_AT_ONCE):
-            part = np.asarray(index[start : start + ROOMS_AT_ONCE])
-            pairs = make_pairs(settings, part)
-            for row, cloud in enumerate(_clouds(config, source, pairs, pool)):
-                yield cloud, _truth(source, pairs, row, int(part[row]))
+    for start in range(0, len(index), ROOMS_AT_ONCE):
+        part = np.asarray(index[start : start + ROOMS_AT_ONCE])
+        pairs = pairs_of(config, source, part)
+        for row, cloud in enumerate(clouds_of(config, source, pairs)):
+            yield cloud, truth_of(source, pairs, row, int(part[row]))
 
 
-def _clouds(config: Config, source: CloudSource, pairs: Pairs, pool: ThreadPoolExecutor) -> Iterator[LabelledCloud]:
-    """Preprocess both scans of every pair and label the side that the scenario's model sees."""
-    seen, other = (_preprocessed(config, pairs, scan, pool) for scan in (pairs.dt, pairs.robot))
-    if not source.scenario.endswith("removed"):
-        seen, other = other, seen
-    distances = _distances(pairs, seen, other)
-    return pool.map(lambda row: _labelled(config, source, pairs, row, seen[row], distances[row]), range(len(seen)))
+def pairs_of(config: Config, source: CloudSource, index: np.ndarray, threads: int | None = None) -> Pairs:
+    """Both scans of the given rooms, with the truth about every ray."""
+    return make_pairs(pair_config(config, source), index, threads)
+
+
+def clouds_of(config: Config, source: CloudSource, pairs: Pairs, threads: int | None = None) -> list[LabelledCloud]:
+    """Preprocess both scans of every pair and label the side that the scenario's model sees.
+
+    Args:
+        config: how to preprocess and to label.
+        source: what the pairs are of.
+        pairs: scans of R rooms.
+        threads: how many to use; by default as many as the machine has cores.
+    """
+    with ThreadPoolExecutor(threads) as pool:
+        seen, other = (_preprocessed(config, pairs, scan, (pool, threads)) for scan in (pairs.dt, pairs.robot))
+        if not source.scenario.endswith("removed"):
+            seen, other = other, seen
+        distances = _distances(pairs, seen, other, threads)
+        rows = range(len(seen))
+        return list(pool.map(lambda row: _labelled(config, source, pairs, row, seen[row], distances[row]), rows))
 
 
 class Kept(NamedTuple):
@@ -120,11 +132,13 @@ class Kept(NamedTuple):
     pixel: np.ndarray  # (N,) int64 ray that each point came from
 
 
-def _preprocessed(config: Config, pairs: Pairs, scan: Scan, pool: ThreadPoolExecutor) -> list[Kept]:
+def _preprocessed(config: Config, pairs: Pairs, scan: Scan, means: tuple[ThreadPoolExecutor, int | None]) -> list[Kept]:
     """What survives the filters of one side's scans, room by room."""
+    pool, threads = means
     points = points_of(pairs.pose, pairs.directions, scan.distance)
-    filtered = list(pool.map(lambda row: _filtered(config, scan, points, row), range(len(points))))
-    chosen = thin_clouds([kept.points for kept in filtered], config.preprocess.voxel_size)
+    height = pairs.size[:, 2]
+    filtered = list(pool.map(lambda row: _filtered(config, scan, points, height, row), range(len(points))))
+    chosen = thin_clouds([kept.points for kept in filtered], config.preprocess.voxel_size, threads)
     thinned = [Kept(*(field[indices] for field in kept)) for kept, indices in zip(filtered, chosen, strict=True)]
     if not config.preprocess.outlier_removal:
         return thinned
@@ -132,13 +146,13 @@ def _preprocessed(config: Config, pairs: Pairs, scan: Scan, pool: ThreadPoolExec
     return [Kept(*(field[~mask] for field in kept)) for kept, mask in zip(thinned, outliers, strict=True)]
 
 
-def _filtered(config: Config, scan: Scan, points: np.ndarray, row: int) -> Kept:
+def _filtered(config: Config, scan: Scan, points: np.ndarray, height: np.ndarray, row: int) -> Kept:
     """The returns of one scan (R, P, 3) that the object filter lets through."""
-    settings, height = config.preprocess, room_config(config).size[2]
+    settings, ceiling = config.preprocess, float(height[row]) / 2
     pixel = np.flatnonzero(np.isfinite(scan.distance[row]))
     if settings.object_filter == "height":
         keep = object_filter(
-            points[row, pixel], scan.element[row, pixel], -height / 2, height / 2, threshold=settings.filter_height
+            points[row, pixel], scan.element[row, pixel], -ceiling, ceiling, threshold=settings.filter_height
         )
         pixel = pixel[keep]
     elif settings.object_filter == "semantic":
@@ -146,11 +160,11 @@ def _filtered(config: Config, scan: Scan, points: np.ndarray, row: int) -> Kept:
     return Kept(points[row, pixel], pixel)
 
 
-def _distances(pairs: Pairs, seen: list[Kept], other: list[Kept]) -> list[np.ndarray]:
+def _distances(pairs: Pairs, seen: list[Kept], other: list[Kept], threads: int | None) -> list[np.ndarray]:
     """Distance (N,) float32 [m] of each point to the other cloud of its pair, measured in float64."""
     # Where the sensor faces a wall so closely that nothing it sees counts as structure, all is far from nothing.
     farthest = np.linalg.norm(pairs.size, axis=1)
-    found = nearest([kept.points for kept in seen], [kept.points for kept in other])
+    found = nearest([kept.points for kept in seen], [kept.points for kept in other], threads)
     return [
         np.where(near.index >= 0, near.distance, far).astype(np.float32)
         for near, far in zip(found, farthest, strict=True)
@@ -175,7 +189,8 @@ def _labelled(
     return LabelledCloud(points, distance, element, heuristic, changed[row, pixel], testable[row, pixel])
 
 
-def _truth(source: CloudSource, pairs: Pairs, row: int, index: int) -> RoomTruth:
+def truth_of(source: CloudSource, pairs: Pairs, row: int, index: int) -> RoomTruth:
+    """What changed in room number `index`, which stands in row `row` of the pairs."""
     box = pairs.box
     if box.yaw.shape[1] == 0:  # nothing changed
         nowhere = np.full(3, np.nan, np.float32)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from jaxmm import evaluate, figures, pipeline, room_figures, runs, tables
+from jaxmm import evaluate, figures, loading, pipeline, room_figures, runs, tables
 from jaxmm.batches import LabelledCloud, Sampler, labels_of, validation_batch
 from jaxmm.boxes import Box, sentence
 from jaxmm.config import CONDITIONS, SCENARIOS, Config
@@ -41,7 +41,10 @@ def train_stage(config: Config, folder: Path) -> dict[str, Model]:
         if trained != config:
             raise InputError(f"{folder / runs.MODELS}: trained with other settings than {runs.CONFIG} says; {REMEDY}")
         return models
-    training = [_training_clouds(config, folder, scenario, "train") for scenario in SCENARIOS]
+    if config.data.source == "shards":
+        training = loading.shard_clouds(config, Path(config.data.shards), folder / "data" / "shards.json")
+    else:
+        training = [_training_clouds(config, folder, scenario, "train") for scenario in SCENARIOS]
     validation = [_training_clouds(config, folder, scenario, "validation") for scenario in SCENARIOS]
     models, records = {}, []
     for method in config.train.methods:

@@ -13,7 +13,7 @@ import pytest
 
 from jaxmm import cli, reproduce, runs
 
-COMMANDS = ("reproduce", "train", "evaluate", "thesis", "scan")
+COMMANDS = ("reproduce", "generate", "train", "evaluate", "thesis", "scan")
 
 
 def test_the_package_loads_nothing_heavy():

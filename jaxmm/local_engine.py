@@ -1,0 +1,96 @@
+"""Runs a pure function over many tasks on the cores of this machine: one process a core, one task each at a time.
+
+Processes, because preprocessing is NumPy and holds the interpreter lock; spawned, because threads of JAX do not survive
+a fork. A process that loses its parent ends with its task; the parent ends its processes with itself.
+"""
+
+import itertools
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+Task = tuple[int, ...]
+
+
+def results(function: Callable[..., Any], tasks: Iterable[Task], workers: int | None = None) -> Iterator[tuple]:
+    """Yield (task, function(*task)) for all tasks, in whatever order they finish; never more than one a worker at once.
+
+    Args:
+        function: picklable, and found by its import path.
+        tasks: taken one by one as workers become free, so there may be any number of them.
+        workers: processes, by default one a core this process may use; with one, the work is done in this process.
+
+    Raises:
+        RuntimeError: a process was killed, for want of memory perhaps.
+        Exception: whatever the function raised.
+    """
+    workers = workers or len(os.sched_getaffinity(0))
+    if workers == 1:
+        yield from ((task, function(*task)) for task in tasks)
+        return
+    waiting, processes = iter(tasks), {}
+    try:
+        for task in itertools.islice(waiting, workers):
+            connection, process = _start(function)
+            processes[connection] = process
+            connection.send(task)
+        while processes:
+            for connection in wait(list(processes)):
+                task, result = _received(connection, processes[connection])
+                # The next task goes out before this result is dealt with, so that no core waits for a disk.
+                following = next(waiting, None)
+                if following is None:
+                    connection.close()
+                    processes.pop(connection).join()
+                else:
+                    connection.send(following)
+                yield task, result
+    finally:
+        for connection, process in processes.items():
+            process.kill()
+            process.join()
+            connection.close()
+
+
+def _start(function: Callable[..., Any]) -> tuple[Connection, multiprocessing.Process]:
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(theirs, function), daemon=True)
+    # Ctrl-C reaches every process of the terminal; a child inherits the mask and leaves it to the parent.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    theirs.close()  # the child's alone from here, so that either end sees the other one die
+    return ours, process
+
+
+def _serve(connection: Connection, function: Callable[..., Any]) -> None:
+    while True:
+        try:
+            task = connection.recv()
+        except EOFError:
+            return
+        try:
+            reply = task, function(*task), None
+        except Exception as error:
+            reply = task, None, error
+        try:
+            connection.send(reply)
+        except BrokenPipeError:  # the parent was killed
+            return
+
+
+def _received(connection: Connection, process: multiprocessing.Process) -> tuple[Task, Any]:
+    try:
+        task, result, error = connection.recv()
+    except (EOFError, ConnectionResetError) as lost:
+        process.join()
+        raise RuntimeError(f"a worker process ended early (exit code {process.exitcode})") from lost
+    if error is not None:
+        raise error
+    return task, result
