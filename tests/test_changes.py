@@ -11,7 +11,7 @@ from warp_scanner.scenes import CYLINDER, DOOR, FLOOR, GAP, PILLAR, STRUCTURE, W
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Standing, rotation_of
 
 COUNT = 24
-STANDING = Standing(1.3, 0.3, height_spread=0.9, pitch_spread=15.0)
+STANDING = Standing((0.4, 2.2), 0.3, pitch=(-15.0, 15.0))
 
 
 def corners_of(center, half_size, yaw):

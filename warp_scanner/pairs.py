@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_scanner import draws
+from warp_scanner.pinhole import cast_image, cast_image_slots
 from warp_scanner.rooms import THESIS, VARIED, RoomConfig
-from warp_scanner.scan import Rays, Scan, cast_rays, cast_slots
+from warp_scanner.scan import Rays, Scan, cast_slots
 from warp_scanner.scenarios import SceneConfig, Scenes, TrueBox, make_scenes
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Pinhole, Pose, Standing, add_range_noise, rotation_of
 
@@ -161,11 +162,8 @@ def _scanned(config: PairConfig, scenes: Scenes, which: tuple[np.ndarray, np.nda
     """Both scans of some scenes, given their room numbers and the sensor's directions."""
     index, directions = which
     true_pose = _true_pose(config, scenes.pose, index)
-    assumed, true = (
-        Rays(pose.position, directions, rotation_of(pose.yaw, pose.pitch)) for pose in (scenes.pose, true_pose)
-    )
-    dt = cast_rays(scenes.primitives, scenes.in_prior, assumed, threads)
-    robot = cast_rays(scenes.primitives, scenes.in_real, true, threads)
+    dt = cast_image(scenes.primitives, scenes.in_prior, config.sensor, scenes.pose, threads)
+    robot = cast_image(scenes.primitives, scenes.in_real, config.sensor, true_pose, threads)
     changed_dt = _hits(scenes, dt, -1)
     changed_robot = _hits(scenes, robot, 1)
 
@@ -175,12 +173,15 @@ def _scanned(config: PairConfig, scenes: Scenes, which: tuple[np.ndarray, np.nda
         testable_dt = dt.distance + margin < robot.distance
         testable_robot = robot.distance + margin < dt.distance
     else:
+        assumed, true = (
+            Rays(pose.position, directions, rotation_of(pose.yaw, pose.pitch)) for pose in (scenes.pose, true_pose)
+        )
         reach, beyond = _seen_from(config, scenes, (dt, assumed, true), threads)
         testable_dt = reach + margin < beyond
-        expected, _ = cast_slots(scenes.primitives, scenes.in_prior, true, threads)
+        expected, _ = cast_image_slots(scenes.primitives, scenes.in_prior, config.sensor, true_pose, threads)
         testable_robot = robot.distance + margin < expected
     testable = (testable_dt, testable_robot)
-    fraction = _observable(scenes, ((dt, assumed), (robot, true)), testable, threads)
+    fraction = _observable(config, scenes, ((dt, scenes.pose), (robot, true_pose), testable), threads)
     noisy = robot._replace(distance=add_range_noise(robot.distance, config.range_noise, config.seed, index))
     return Pairs(
         scenes.pose, directions, dt, noisy, changed_dt, changed_robot, *testable, fraction, scenes.box, true_pose,
@@ -228,8 +229,9 @@ def _seen_from(
     return np.where(seen, reach, np.inf).astype(np.float32), beyond
 
 
-def _observable(scenes: Scenes, scans: tuple, testable: tuple[np.ndarray, np.ndarray], threads: int) -> np.ndarray:
+def _observable(config: PairConfig, scenes: Scenes, sides: tuple, threads: int) -> np.ndarray:
     """(R, M) float32: testable rays of each changed object over the rays that hit it when it stands alone."""
+    dt, robot, testable = sides
     room_count, count = scenes.box.change.shape
     fraction = np.full((room_count, count), np.nan, np.float32)
     first = scenes.change.shape[1] - count
@@ -239,9 +241,9 @@ def _observable(scenes: Scenes, scans: tuple, testable: tuple[np.ndarray, np.nda
         if not np.any(alone):
             continue
         removed = bool(np.any(scenes.box.change[:, part] < 0))  # the same in all rooms of a scenario
-        (scan, rays), told = (scans[0], testable[0]) if removed else (scans[1], testable[1])
+        (scan, pose), told = (dt, testable[0]) if removed else (robot, testable[1])
         found = np.sum((scan.element == scenes.box.element[:, part, None]) & told, axis=1)
-        _, slot = cast_slots(scenes.primitives, alone, rays, threads)
+        _, slot = cast_image_slots(scenes.primitives, alone, config.sensor, pose, threads)
         hits = np.maximum(np.sum(slot >= 0, axis=1), 1)
         fraction[:, part] = np.where(scenes.box.change[:, part] != 0, found / hits, np.nan)
     return fraction

@@ -5,17 +5,16 @@ outcome depends on nothing but its seed and index. R rooms, K slots of primitive
 """
 
 import dataclasses
-import functools
 from typing import NamedTuple
 
 import numpy as np
 
 from warp_scanner import draws, rooms, scenes
 from warp_scanner.changes import ADDED, PARTS, REMOVED, TOUCHING, Part, Ranges, Room, place_parts
+from warp_scanner.pinhole import cast_image_slots
 from warp_scanner.rooms import RoomConfig
-from warp_scanner.scan import Rays, cast_slots
 from warp_scanner.scenes import GAP, Primitives
-from warp_scanner.sensors import Pinhole, Pose, Standing, draw_poses, rotation_of
+from warp_scanner.sensors import Pinhole, Pose, Standing, draw_poses
 
 SCENARIOS = ("pillar_added", "wall_added", "pillar_removed", "wall_removed")
 MULTI_SCENARIOS = tuple(name for name in PARTS if name not in (*SCENARIOS, "unchanged"))
@@ -203,16 +202,6 @@ def _rows(primitives: Primitives, pose: Pose, chosen: np.ndarray) -> tuple[Primi
     return scenes.take(primitives, chosen), Pose(*(field[chosen] for field in pose))
 
 
-def _rays(pose: Pose, grid: Pinhole) -> Rays:
-    return Rays(pose.position, _directions(grid), rotation_of(pose.yaw, pose.pitch))
-
-
-@functools.lru_cache(maxsize=8)
-def _directions(grid: Pinhole) -> np.ndarray:
-    """The grid's rays, which every attempt needs."""
-    return grid.directions()
-
-
 def _has_furniture_in_view(config: SceneConfig, primitives: Primitives, pose: Pose, threads: int | None) -> np.ndarray:
     """(R,) bool: enough furniture is in view, and at least a glimpse of each changed object.
 
@@ -220,15 +209,14 @@ def _has_furniture_in_view(config: SceneConfig, primitives: Primitives, pose: Po
     """
     grid = config.grid
     preview = dataclasses.replace(grid, width=grid.width // _COARSE, height=grid.height // _COARSE)
-    rays = _rays(pose, preview)
     structure = scenes.is_structure(primitives)
     furniture = ~structure & _columns(config, primitives)
-    _, slot = cast_slots(primitives, structure | furniture, rays, threads)
+    _, slot = cast_image_slots(primitives, structure | furniture, preview, pose, threads)
     hit = (slot >= 0) & np.take_along_axis(furniture, np.maximum(slot, 0), 1)
     enough = hit.mean(axis=1) >= config.furniture_share
     if not config.parts:
         return enough
-    _, slot = cast_slots(primitives, structure, rays, threads)
+    _, slot = cast_image_slots(primitives, structure, preview, pose, threads)
     return enough & _all_seen(config, primitives, slot, 1)
 
 
@@ -252,6 +240,5 @@ def _shows_the_change(config: SceneConfig, primitives: Primitives, pose: Pose, t
     """(R,) bool: enough rays hit each changed object in the clean scene that contains them all."""
     if not config.parts or len(primitives.kind) == 0:
         return np.ones(len(primitives.kind), bool)
-    rays = _rays(pose, config.grid)
-    _, slot = cast_slots(primitives, scenes.is_structure(primitives), rays, threads)
+    _, slot = cast_image_slots(primitives, scenes.is_structure(primitives), config.grid, pose, threads)
     return _all_seen(config, primitives, slot, config.minimum_rays)
