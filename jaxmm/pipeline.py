@@ -24,7 +24,7 @@ from warp_scanner.scenes import STRUCTURE
 from warp_scanner.sensors import Pinhole
 from warp_scanner.voxels import thin_clouds
 
-ROOMS_AT_ONCE = 16
+RAYS_AT_ONCE = 32 * 64_000  # of the rooms that are scanned together: bounds the memory
 UNCHANGED = "unchanged"
 
 
@@ -95,8 +95,9 @@ def _alike(value: Any, default: Any) -> bool:
 
 def clouds(config: Config, source: CloudSource, index: np.ndarray) -> Iterator[tuple[LabelledCloud, RoomTruth]]:
     """The clouds of the given rooms, each a pure function of (config, source, its index), a few rooms at a time."""
-    for start in range(0, len(index), ROOMS_AT_ONCE):
-        part = np.asarray(index[start : start + ROOMS_AT_ONCE])
+    at_once = max(1, RAYS_AT_ONCE // (config.scan.width * config.scan.height))
+    for start in range(0, len(index), at_once):
+        part = np.asarray(index[start : start + at_once])
         pairs = pairs_of(config, source, part)
         for row, cloud in enumerate(clouds_of(config, source, pairs)):
             yield cloud, truth_of(source, pairs, row, int(part[row]))
@@ -149,15 +150,18 @@ def _preprocessed(config: Config, pairs: Pairs, scan: Scan, means: tuple[ThreadP
 def _filtered(config: Config, scan: Scan, points: np.ndarray, height: np.ndarray, row: int) -> Kept:
     """The returns of one scan (R, P, 3) that the object filter lets through."""
     settings, ceiling = config.preprocess, float(height[row]) / 2
-    pixel = np.flatnonzero(np.isfinite(scan.distance[row]))
+    returned = np.isfinite(scan.distance[row])
+    # In a closed room every ray returns, and nothing has to be copied.
+    pixel = slice(None) if returned.all() else np.flatnonzero(returned)
+    keep = returned.copy()
     if settings.object_filter == "height":
-        keep = object_filter(
+        keep[pixel] = object_filter(
             points[row, pixel], scan.element[row, pixel], -ceiling, ceiling, threshold=settings.filter_height
         )
-        pixel = pixel[keep]
     elif settings.object_filter == "semantic":
-        pixel = pixel[structural_filter(scan.semantic[row, pixel], STRUCTURE)]
-    return Kept(points[row, pixel], pixel)
+        keep &= structural_filter(scan.semantic[row], STRUCTURE)
+    kept = np.flatnonzero(keep)
+    return Kept(points[row, kept], kept)
 
 
 def _distances(pairs: Pairs, seen: list[Kept], other: list[Kept], threads: int | None) -> list[np.ndarray]:

@@ -223,9 +223,9 @@ def test_a_damaged_or_foreign_manifest_is_refused(change, word, tmp_path):
 
 
 def test_class_ids_are_those_of_the_scanner():
-    for words in shards.CLASSES.split(", "):
-        number, name = words.split(" ")
-        assert getattr(scenes, name.upper()) == int(number)
+    assert shards.CLASSES == ", ".join(f"{number} {name}" for number, name in enumerate(scenes.CLASS_NAMES))
+    for number, name in enumerate(scenes.CLASS_NAMES):
+        assert getattr(scenes, name.upper()) == number
 
 
 @pytest.mark.parametrize("raw", [False, True])

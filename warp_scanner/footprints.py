@@ -3,19 +3,14 @@
 R rooms, N or M rectangles. Plan view of the world frame, metres.
 """
 
-import threading
 from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
 from warp_scanner import footprint_kernels
-from warp_scanner.quiet import start_quietly
+from warp_scanner.launches import load, share
 from warp_scanner.scenes import CEILING, FLOOR, GAP, Primitives
-
-wp.config.log_level = wp.LOG_WARNING
-
-_loading = threading.Lock()
 
 
 class Footprints(NamedTuple):
@@ -68,7 +63,7 @@ def settle(footprints: Footprints, others: Footprints, gap: float, apart: float,
     stays = np.zeros(footprints.valid.shape, bool)
     # The kernel marks what is not clear of the others in its own copy.
     inputs = [*_shared(footprints._replace(valid=footprints.valid.copy())), *_shared(others), gap, apart, rounds]
-    _launch(footprint_kernels.settle, len(stays), [*inputs, _share(np.zeros_like(stays), wp.bool)], stays, wp.bool)
+    _launch(footprint_kernels.settle, len(stays), [*inputs, share(np.zeros_like(stays), wp.bool)], stays, wp.bool)
     return stays
 
 
@@ -84,7 +79,7 @@ def first_clear_point(points: np.ndarray, others: Footprints, gap: float) -> np.
     """(R,) int32: the first of the points (R, M, 2) that is more than `gap` away from all rectangles, else -1."""
     first = np.zeros(len(points), np.int32)
     rectangles = _shared(others)
-    inputs = [_share(points.astype(np.float64, copy=False), wp.float64), *rectangles, gap]
+    inputs = [share(points.astype(np.float64, copy=False), wp.float64), *rectangles, gap]
     _launch(footprint_kernels.first_clear_point, len(first), inputs, first, wp.int32)
     return first
 
@@ -92,20 +87,13 @@ def first_clear_point(points: np.ndarray, others: Footprints, gap: float) -> np.
 def _launch(kernel: wp.Kernel, room_count: int, inputs: list, output: np.ndarray, dtype: type) -> None:
     if output.size == 0:
         return
-    wp.launch(kernel, dim=room_count, inputs=inputs, outputs=[_share(output, dtype)], device="cpu")
+    wp.launch(kernel, dim=room_count, inputs=inputs, outputs=[share(output, dtype)], device="cpu")
 
 
 def _shared(footprints: Footprints) -> tuple[wp.array, wp.array]:
     """Rectangles as the kernels want them: (R, N, 6) numbers, and (R, N) which are there."""
-    with _loading:  # before threads could try to compile the kernels at the same time
-        start_quietly()
-        wp.load_module(footprint_kernels, device="cpu")
+    load(footprint_kernels)
     packed = np.zeros((*footprints.valid.shape, 6))
     packed[..., 0:2], packed[..., 2:4] = footprints.center, footprints.half_size
     packed[..., 4], packed[..., 5] = np.cos(footprints.yaw), np.sin(footprints.yaw)
-    return _share(packed, wp.float64), _share(footprints.valid, wp.bool)
-
-
-def _share(array: np.ndarray, dtype: type) -> wp.array:
-    """The array as Warp sees it, in the same memory."""
-    return wp.array(np.ascontiguousarray(array), dtype=dtype, ndim=array.ndim, device="cpu", copy=False)
+    return share(packed, wp.float64), share(footprints.valid, wp.bool)

@@ -27,21 +27,25 @@ def load(kernels: ModuleType) -> None:
 
 
 def share(array: np.ndarray, dtype: type) -> wp.array:
-    """A contiguous array as Warp sees it, in the same memory."""
-    return wp.array(array, dtype=dtype, device="cpu", copy=False)
+    """The array as Warp sees it, in the same memory if it is contiguous; vectors and matrices take the last axes."""
+    array = np.ascontiguousarray(array)
+    trailing = {wp.vec2: 1, wp.vec3: 1, wp.mat33: 2}.get(dtype, 0)
+    return wp.array(array, dtype=dtype, ndim=array.ndim - trailing, device="cpu", copy=False)
 
 
-def share_out(launch: Callable[[int, int], None], count: int, threads: int) -> None:
-    """Call launch(first, size) for pieces of `count`; one when there is one thread.
+def share_out(launch: Callable[[int, int], None], count: int, threads: int, at_once: int | None = None) -> None:
+    """Call launch(first, size) for pieces of `count`, each of `at_once` or as many as even out the threads.
 
     A launch on the CPU runs on one core and releases the interpreter lock, so threads share the pieces out.
     """
-    if threads == 1:
-        launch(0, count)
+    size = at_once or (count if threads == 1 else max(1, count // (_PIECES_PER_THREAD * threads)))
+    pieces = [(first, min(size, count - first)) for first in range(0, count, size)] if count else []
+    if threads == 1 or len(pieces) == 1:
+        for piece in pieces:
+            launch(*piece)
         return
-    size = max(1, count // (_PIECES_PER_THREAD * threads))
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(lambda first: launch(first, min(size, count - first)), range(0, count, size)))
+        list(pool.map(lambda piece: launch(*piece), pieces))
 
 
 def thread_count(threads: int | None) -> int:

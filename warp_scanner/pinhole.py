@@ -9,7 +9,8 @@ import numpy as np
 import warp as wp
 
 from warp_scanner import pinhole_kernels as kernels
-from warp_scanner.scan import Rays, Scan, cast_rays, cast_slots, load_kernels, share, share_out
+from warp_scanner.launches import load, share, share_out, thread_count
+from warp_scanner.scan import Rays, Scan, cast_rays, cast_slots
 from warp_scanner.scenes import GAP, Primitives, take
 from warp_scanner.sensors import Pinhole, Pose, rotation_of
 
@@ -88,7 +89,7 @@ def _draw(
         raise ValueError(f"pose.position must be ({room_count}, 3) and finite, got {position.shape}")
     if room_count == 0:
         return np.zeros(0, np.int64)
-    load_kernels(kernels)
+    load(kernels)
     camera, lengths = _camera(sensor)
     view = _view(primitives, present, (position, rotation_of(pose.yaw, pose.pitch)), camera, threads)
     miss = np.full((room_count, 1), -1, np.int32)
@@ -105,7 +106,7 @@ def _draw(
     def launch(first: int, count: int) -> None:
         wp.launch(kernels.draw_tiles, dim=count, inputs=[first, view, camera, out], device="cpu")
 
-    share_out(launch, tiles, _TILES_PER_LAUNCH, threads)
+    share_out(launch, tiles, thread_count(threads), _TILES_PER_LAUNCH)
     return np.flatnonzero(view.general.numpy())
 
 

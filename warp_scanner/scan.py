@@ -3,23 +3,15 @@
 R rooms, K slots of primitives, P rays per room. World frame: metres, z up.
 """
 
-import os
-import threading
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
 from warp_scanner import kernels
-from warp_scanner.quiet import start_quietly
+from warp_scanner.launches import load, share, share_out, thread_count
 from warp_scanner.scenes import GAP, Primitives
 
-wp.config.log_level = wp.LOG_WARNING
-
-_loading = threading.Lock()
 _PACKETS_PER_LAUNCH = 512  # small enough to share out evenly, large enough to hide the cost of a launch
 
 
@@ -90,14 +82,14 @@ def _cast(
     def launch(first: int, count: int) -> None:
         wp.launch(kernels.cast_packets, dim=count, inputs=[first, *inputs], outputs=outputs, device="cpu")
 
-    share_out(launch, packet_count, _PACKETS_PER_LAUNCH, threads)
+    share_out(launch, packet_count, thread_count(threads), _PACKETS_PER_LAUNCH)
     return scan, slot
 
 
 def _prepare(primitives: Primitives, present: np.ndarray) -> kernels.Scene:
     """The scene as the kernel wants it."""
     shape = present.shape
-    load_kernels(kernels)
+    load(kernels)
     scene = kernels.Scene()
     scene.kind = share(primitives.kind.astype(np.uint8, copy=False), wp.uint8)
     scene.element = share(primitives.element.astype(np.int32, copy=False), wp.int32)
@@ -112,29 +104,6 @@ def _prepare(primitives: Primitives, present: np.ndarray) -> kernels.Scene:
         kernels.prepare_shapes, dim=shape[0], inputs=[share(present, wp.bool), *shared], outputs=[scene], device="cpu"
     )
     return scene
-
-
-def share_out(launch: Callable[[int, int], None], count: int, at_once: int, threads: int | None) -> None:
-    """Call launch(first, how_many) until 0..count are covered.
-
-    A launch on the CPU runs on one core and releases the interpreter lock, so threads share the launches out; by
-    default there are as many as the machine has cores.
-    """
-    starts = range(0, count, at_once)
-    threads = threads or os.cpu_count() or 1
-    if threads == 1 or len(starts) == 1:
-        for first in starts:
-            launch(first, min(at_once, count - first))
-        return
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(lambda first: launch(first, min(at_once, count - first)), starts))
-
-
-def load_kernels(module: ModuleType) -> None:
-    """Compile (or fetch) a module's kernels once, before threads could try to do so at the same time."""
-    with _loading:
-        start_quietly()
-        wp.load_module(module, device="cpu")
 
 
 def checked_rays(rays: Rays, room_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -155,10 +124,3 @@ def checked_rays(rays: Rays, room_count: int) -> tuple[np.ndarray, np.ndarray, n
     if not np.all(np.isfinite(origin)):
         raise ValueError("origin must be finite, got NaN or infinity")
     return origin, direction, rotation
-
-
-def share(array: np.ndarray, dtype: type) -> wp.array:
-    """The array as Warp sees it, in the same memory."""
-    array = np.ascontiguousarray(array)
-    trailing = {wp.vec3: 1, wp.mat33: 2}.get(dtype, 0)
-    return wp.array(array, dtype=dtype, ndim=array.ndim - trailing, device="cpu", copy=False)

@@ -9,8 +9,12 @@ import numpy as np
 
 GAP, BOX, CYLINDER = 0, 1, 2  # kinds of primitives; a gap is an empty slot
 
-# Semantic classes.
+# Semantic classes, and their names by number.
 NOTHING, FLOOR, CEILING, WALL, PILLAR, DOOR, TABLE, CHAIR, WINDOW, FURNITURE, OTHER, CABINET, CARTON, PERSON = range(14)
+CLASS_NAMES = (
+    "nothing", "floor", "ceiling", "wall", "pillar", "door", "table", "chair", "window", "furniture", "other",
+    "cabinet", "carton", "person",
+)  # fmt: skip
 STRUCTURE = (FLOOR, CEILING, WALL, PILLAR, DOOR)
 _IS_STRUCTURE = np.isin(np.arange(256), STRUCTURE)
 

@@ -19,9 +19,7 @@ from typing import Any
 
 from warp_scanner import scenes
 
-CLASSES = {
-    name.lower(): getattr(scenes, name) for name in ("FLOOR", "CEILING", "WALL", "PILLAR", "DOOR", "TABLE", "CHAIR")
-}
+CLASSES = {name: number for number, name in enumerate(scenes.CLASS_NAMES) if number != scenes.NOTHING}
 
 
 def read(path: Path, kinds: dict[str, type]) -> Any:

@@ -3,14 +3,12 @@
 R rooms, K slots, P rays. World frame: metres, z up.
 """
 
-import threading
-
 import numpy as np
 import warp as wp
 
 from warp_scanner import scenes, surface_kernels
-from warp_scanner.quiet import start_quietly
-from warp_scanner.scan import Rays
+from warp_scanner.launches import load, share
+from warp_scanner.scan import Rays, checked_rays
 from warp_scanner.scenes import Primitives
 
 # Shares of near infrared light that surfaces send back. Round numbers between those of white paint (0.9) and of dark
@@ -23,10 +21,12 @@ REFLECTIVITY = {
     scenes.DOOR: 0.5,
     scenes.TABLE: 0.5,
     scenes.CHAIR: 0.3,
+    scenes.WINDOW: 0.1,
+    scenes.CABINET: 0.6,
+    scenes.CARTON: 0.5,
+    scenes.PERSON: 0.3,
 }
 UNKNOWN_REFLECTIVITY = 0.5  # of a class that the table does not name
-
-_loading = threading.Lock()
 
 
 def normals_of(primitives: Primitives, slot: np.ndarray, distance: np.ndarray, rays: Rays) -> np.ndarray:
@@ -50,7 +50,7 @@ def normals_of(primitives: Primitives, slot: np.ndarray, distance: np.ndarray, r
         raise ValueError(f"slot and distance must be ({room_count}, P), got {slot.shape} and {distance.shape}")
     if slot.size and (slot.min() < -1 or slot.max() >= slot_count):
         raise ValueError(f"slot must lie within -1 and {slot_count - 1}, got {slot.min()} to {slot.max()}")
-    origin, direction, rotation = _as_arrays(rays, slot.shape)
+    origin, direction, rotation = checked_rays(rays, slot.shape[0])
     normal = np.full((*slot.shape, 3), np.nan, np.float32)
     solids = [(primitives.kind, wp.uint8), (primitives.center, wp.vec3), (primitives.half_size, wp.vec3)]
     turn = np.stack([np.cos(primitives.yaw), np.sin(primitives.yaw)], axis=-1)
@@ -77,7 +77,7 @@ def incidence_of(normals: np.ndarray, rays: Rays) -> np.ndarray:
     normals = np.asarray(normals, np.float32)
     if normals.ndim != 3 or normals.shape[2] != 3:
         raise ValueError(f"normals must be (R, P, 3), got {normals.shape}")
-    _, direction, rotation = _as_arrays(rays, normals.shape[:2])
+    _, direction, rotation = checked_rays(rays, len(normals))
     incidence = np.full(normals.shape[:2], np.nan, np.float32)
     arrays = [(normals, wp.vec3), (direction, wp.vec3), (rotation, wp.mat33), (incidence, wp.float32)]
     _launch(surface_kernels.angles, incidence.shape, arrays)
@@ -118,34 +118,12 @@ def intensity_of(
     return np.where(hit, light, 0.0).astype(np.float32)
 
 
-def _as_arrays(rays: Rays, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Origins (R, 1|P, 3), directions (1|R, P, 3) and rotations (1|R, 3, 3), float32, once their shapes agree."""
-    room_count, ray_count = shape
-    origin, direction = (np.asarray(array, np.float32) for array in rays[:2])
-    origin = origin[:, None] if origin.ndim == 2 else origin
-    direction = direction[None] if direction.ndim == 2 else direction
-    rotation = np.eye(3, dtype=np.float32)[None] if rays.rotation is None else np.asarray(rays.rotation, np.float32)
-    if origin.shape not in {(room_count, 1, 3), (room_count, ray_count, 3)}:
-        raise ValueError(f"origin must be ({room_count}, 3) or one per ray, got {np.shape(rays.origin)}")
-    if direction.shape not in {(1, ray_count, 3), (room_count, ray_count, 3)}:
-        raise ValueError(f"direction must be ({ray_count}, 3) or one per room, got {np.shape(rays.direction)}")
-    if rotation.shape not in {(1, 3, 3), (room_count, 3, 3)}:
-        raise ValueError(f"rotation must be ({room_count}, 3, 3), got {rotation.shape}")
-    return origin, direction, rotation
-
-
 def _launch(kernel: wp.Kernel, shape: tuple[int, int], arrays: list[tuple[np.ndarray, type]]) -> None:
     """Run a kernel over (R, P) on the given arrays, in their own memory where they allow it; the last is written."""
     if shape[0] * shape[1] == 0:
         return
-    with _loading:  # threads must not compile at the same time
-        start_quietly()
-        wp.load_module(surface_kernels, device="cpu")
-    trailing = {wp.vec2: 1, wp.vec3: 1, wp.mat33: 2}
+    load(surface_kernels)
     stored = {wp.int32: np.int32, wp.uint8: np.uint8}
-    shared = []
-    for array, dtype in arrays:
-        array = np.ascontiguousarray(array, stored.get(dtype, np.float32))
-        shared.append(wp.array(array, dtype=dtype, ndim=array.ndim - trailing.get(dtype, 0), device="cpu", copy=False))
+    shared = [share(np.asarray(array, stored.get(dtype, np.float32)), dtype) for array, dtype in arrays]
     packets = (shape[0], -(-shape[1] // surface_kernels.PACKET))
     wp.launch(kernel, dim=packets, inputs=shared, device="cpu")

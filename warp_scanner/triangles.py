@@ -4,8 +4,6 @@ R views of one scene, P rays each, E elements, T triangles. World frame: metres,
 the building's origin.
 """
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +11,8 @@ import warp as wp
 
 from warp_scanner import triangle_kernels as kernels
 from warp_scanner.buildings import Triangles
-from warp_scanner.scan import Rays, Scan, checked_rays, load_kernels, share
+from warp_scanner.launches import load, share, share_out, thread_count
+from warp_scanner.scan import Rays, Scan, checked_rays
 
 _PACKETS_PER_LAUNCH = 256  # small enough to share out evenly, large enough to hide the cost of a launch
 
@@ -41,7 +40,7 @@ def prepare(triangles: Triangles) -> TriangleScene:
     element, count = np.asarray(triangles.element), len(triangles.semantic)
     if element.shape != (len(faces),) or element.min() < 0 or element.max() >= count:
         raise ValueError(f"element must be ({len(faces)},) and name {count} elements, got {element.shape}")
-    load_kernels(kernels)
+    load(kernels)
     points = wp.array(vertices, dtype=wp.vec3, device="cpu")
     corners = wp.array(faces.ravel(), dtype=int, device="cpu")
     # Of Warp's trees on the CPU (sah, median, cubql; leaves of 1 to 8) the fastest, by a tenth to a factor of four.
@@ -86,13 +85,10 @@ def cast_triangles(
     outputs = [share(scan.distance, wp.float32), share(face, wp.int32)]
     outputs += [share(scan.element, wp.int32), share(scan.semantic, wp.uint8)]
 
-    def launch(first: int) -> None:
-        size = min(_PACKETS_PER_LAUNCH, packet_count - first)
+    def launch(first: int, size: int) -> None:
         wp.launch(kernels.cast_packets, dim=size, inputs=[first, *inputs], outputs=outputs, device="cpu")
 
-    starts = range(0, packet_count, _PACKETS_PER_LAUNCH)
-    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        list(pool.map(launch, starts))
+    share_out(launch, packet_count, thread_count(threads), _PACKETS_PER_LAUNCH)
     return scan
 
 
