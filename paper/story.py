@@ -18,7 +18,7 @@ WIDTH, HEIGHT = 12.8, 7.5  # [inch]; every position of the page below is in inch
 COLUMN, BOX_WIDTH, BOX_HEIGHT = 1.57, 1.36, 0.86
 TOP_ROW, SECOND_ROW = 6.0, 4.62
 SCANNER_FILL, LEARNER_FILL, INPUT_FILL = "#E3EFF8", "#E2F3EC", "#F1F1F1"
-PLANNED = {"evidence", "verdicts", "IFC, mesh", "report"}  # drawn dashed: the story has them, the code not yet
+PLANNED = {"evidence", "verdicts", "report"}  # drawn dashed: the story has them, the code not yet
 
 
 class Block(NamedTuple):
