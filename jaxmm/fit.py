@@ -45,8 +45,10 @@ def fit(
         The best weights of each model, stacked, and one record per validation:
         {"method", "step", "train_loss", "validation_loss", "validation_precision", "validation_recall"}, lists over S.
     """
-    # Orbax logs the traceback of an error before it raises that error, and whoever catches it tells of it again.
-    logging.getLogger("absl").setLevel(logging.CRITICAL)
+    # Orbax logs the traceback of an error before it raises that error, and whoever catches it tells of it again; so
+    # do its writers that the error interrupted.
+    for name in ("absl", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     key = jax.random.fold_in(jax.random.key(config.seed), list(TRAINED_METHODS).index(sampler.method))
     states = init_all(key, TRAINED_METHODS[sampler.method], config, len(sampler.clouds))
     size = len(sampler.clouds)

@@ -166,9 +166,11 @@ def test_a_full_disk_is_one_line_and_the_next_run_goes_on(a_run, tiny_config, ca
 def command(*arguments, file_limit=None, **options):
     """Start a command, whose files may grow to at most so many bytes."""
     line = [sys.executable, "-m", "jaxmm.cli", *map(str, arguments)]
+    # A process in the background ignores Ctrl-C, and its children with it, unless they are told otherwise.
+    first = "import os, resource, signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL)"
     if file_limit is not None:
-        limit = "import os, resource, sys; n = int(sys.argv[1]); resource.setrlimit(resource.RLIMIT_FSIZE, (n, n))"
-        line = [sys.executable, "-c", f"{limit}; os.execv(sys.argv[2], sys.argv[2:])", str(file_limit), *line]
+        first += f"; resource.setrlimit(resource.RLIMIT_FSIZE, ({file_limit}, {file_limit}))"
+    line = [sys.executable, "-c", f"{first}; os.execv(sys.argv[1], sys.argv[1:])", *line]
     return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 

@@ -56,7 +56,7 @@ def test_what_cannot_be_scanned_is_one_line(house, tmp_path, refused):
     for pose in ("1,2,3", "a,b,c,d", "1,2,nan,0", "1,2,1,0,91", "", "1,2,3,4,5,6"):
         refused(scan(pose), "--pose", "X,Y,Z,YAW")
     refused(scan(out=tmp_path / "scan.las"), "scan.las", ".e57")
-    refused(scan(more=["--sensor", "eye"]), "oak-d-pro", "'eye'")
+    refused(scan(more=["--sensor", "eye"]), "oak-d-pro", "eye: expected a sensor file")
     refused(scan(more=[*HOUSE, "--unit", "0"]), "unit")
     refused(scan(scene=tmp_path / "none.ifc"), "none.ifc", "nothing there")
     broken = tmp_path / "broken.ifc"

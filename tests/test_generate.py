@@ -50,6 +50,8 @@ def start(config, folder, *options, file_limit=None):
     code = f"import sys; from jaxmm import cli, generate; generate.PAIRS_PER_SHARD = {SIZE}\n"
     if file_limit:
         code += f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({file_limit}, {file_limit}))\n"
+    # A process in the background ignores Ctrl-C, and its children with it, unless they are told otherwise.
+    code += "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     # Spawned workers import the main module anew, so it must be one that does nothing then.
     code += "if __name__ == '__main__': sys.exit(cli.main(sys.argv[1:]))"
     arguments = ["generate", config, "--out", folder, "--count", COUNT, *options]

