@@ -35,6 +35,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.triangles
 	$(BIN)/python -m benchmarks.neighbours
 	$(BIN)/python -m benchmarks.voxels
+	$(BIN)/python -m benchmarks.growth
 	$(BIN)/python -m benchmarks.rooms
 	$(BIN)/python -m benchmarks.pairs
 	$(BIN)/python -m benchmarks.train

@@ -153,7 +153,7 @@ def main() -> int:
     start = first_call()
     print(f"first casts of this process, kernels fetched or compiled: {start:.2f} s")
     rows = []
-    for sensor, rooms, repeat in ((OAK_D_PRO_SMALL, 16, 15), (OAK_D_PRO, 2, 9)):
+    for sensor, rooms, repeat in ((OAK_D_PRO_SMALL, 32, 15), (OAK_D_PRO, 8, 9)):
         for row in rows_of(sensor, rooms, repeat):
             rows.append(row)
             print(

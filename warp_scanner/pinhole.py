@@ -14,7 +14,7 @@ from warp_scanner.scan import Rays, Scan, cast_rays, cast_slots
 from warp_scanner.scenes import GAP, Primitives, take
 from warp_scanner.sensors import Pinhole, Pose, rotation_of
 
-_TILES_PER_LAUNCH = 256  # small enough to share out evenly, large enough to hide the cost of a launch
+_ROOMS_AT_ONCE = 32  # bounds the memory of what is only needed on the way
 
 
 class _Image(NamedTuple):
@@ -90,36 +90,51 @@ def _draw(
     if room_count == 0:
         return np.zeros(0, np.int64)
     load(kernels)
-    camera, lengths = _camera(sensor)
-    view = _view(primitives, present, (position, rotation_of(pose.yaw, pose.pitch)), camera, threads)
-    miss = np.full((room_count, 1), -1, np.int32)
-    names = np.concatenate([miss, primitives.element.astype(np.int32, copy=False)], axis=1)
-    classes = np.concatenate([np.zeros_like(miss, np.uint8), primitives.semantic.astype(np.uint8, copy=False)], axis=1)
+    camera = _camera(sensor)
+    threads = thread_count(threads)
+    at_once = min(_ROOMS_AT_ONCE, -(-room_count // threads))
+    general = np.zeros(room_count, bool)
+    rotation = rotation_of(pose.yaw, pose.pitch)
+
+    def draw_rooms(first: int, count: int) -> None:
+        rows = slice(first, first + count)
+        scene = Primitives(*(field[rows] for field in primitives))
+        view = _view(scene, present[rows], (position[rows], rotation[rows]), camera)
+        out = _Image(*(None if field is None else field[rows] for field in image))
+        # Rooms are shared out first; only a lone part leaves threads for its tiles.
+        _draw_tiles(out, scene, (view, camera), threads if count == room_count else 1)
+        general[rows] = view.general.numpy()
+
+    share_out(draw_rooms, room_count, threads, at_once)
+    return np.flatnonzero(general)
+
+
+def _draw_tiles(image: _Image, scene: Primitives, seen: tuple, threads: int) -> None:
+    """Draw some rooms, given their view and the camera."""
+    view, camera = seen
+    miss = np.full((len(scene.kind), 1), -1, np.int32)
     out = kernels.Image()
-    out.ray_length, out.element_of = share(lengths, wp.float32), share(names, wp.int32)
-    out.semantic_of = share(classes, wp.uint8)
+    out.element_of = share(np.concatenate([miss, scene.element], axis=1, dtype=np.int32), wp.int32)
+    out.semantic_of = share(np.concatenate([miss * 0, scene.semantic], axis=1).astype(np.uint8), wp.uint8)
     for name, dtype in (("distance", wp.float32), ("slot", wp.int32), ("element", wp.int32), ("semantic", wp.uint8)):
         if getattr(image, name) is not None:
             setattr(out, name, share(getattr(image, name), dtype))
-    tiles = -(-sensor.width // kernels.TILE_COLUMNS) * -(-sensor.height // kernels.TILE_ROWS) * room_count
+    tiles = -(-camera.width // kernels.TILE_COLUMNS) * -(-camera.height // kernels.TILE_ROWS) * len(scene.kind)
 
     def launch(first: int, count: int) -> None:
         wp.launch(kernels.draw_tiles, dim=count, inputs=[first, view, camera, out], device="cpu")
 
-    share_out(launch, tiles, thread_count(threads), _TILES_PER_LAUNCH)
-    return np.flatnonzero(view.general.numpy())
+    share_out(launch, tiles, threads)
 
 
-def _camera(sensor: Pinhole) -> tuple[kernels.Camera, np.ndarray]:
-    """The camera as the kernels want it, and the length of each pixel's ray per metre of depth, (P,) float32."""
+def _camera(sensor: Pinhole) -> kernels.Camera:
+    """The camera as the kernels want it."""
     camera = kernels.Camera()
     camera.width, camera.height = sensor.width, sensor.height
     edge_u, edge_v = (np.tan(np.radians(fov) / 2) for fov in (sensor.horizontal_fov, sensor.vertical_fov))
     camera.step_u, camera.step_v = -2.0 * edge_u / sensor.width, -2.0 * edge_v / sensor.height
     camera.first_u, camera.first_v = edge_u + camera.step_u / 2, edge_v + camera.step_v / 2
-    u = camera.first_u + camera.step_u * np.arange(sensor.width)
-    v = camera.first_v + camera.step_v * np.arange(sensor.height)
-    return camera, np.sqrt(1.0 + u**2 + v[:, None] ** 2).astype(np.float32).ravel()
+    return camera
 
 
 def _view(
@@ -127,7 +142,6 @@ def _view(
     present: np.ndarray,
     sensors: tuple[np.ndarray, np.ndarray],
     camera: kernels.Camera,
-    threads: int | None,
 ) -> kernels.View:
     shape = present.shape
     view = kernels.View()

@@ -340,34 +340,52 @@ class Image:
     slot: wp.array2d[int]
     element: wp.array2d[int]
     semantic: wp.array2d[wp.uint8]
-    ray_length: wp.array[float]  # in: (H * W,) of a ray per metre of depth
     element_of: wp.array2d[int]  # in: (rooms, slots + 1) by code
     semantic_of: wp.array2d[wp.uint8]  # in: likewise
 
 
 @wp.func_native(
     _native("""
+    typedef float f8 __attribute__((vector_size(32)));
+    typedef int i8 __attribute__((vector_size(32)));
+    typedef f8 f8_at __attribute__((aligned(4)));
+    typedef i8 i8_at __attribute__((aligned(4)));
+    const f8 lanes = {0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f};
     const int width = camera.width, height = camera.height;
     const int columns = width - left < COLUMNS ? width - left : COLUMNS;
     const int rows = height - top < ROWS ? height - top : ROWS;
     const int *__restrict names = image.element_of.data + (size_t)room * image.element_of.shape[1];
     const wp::uint8 *__restrict classes = image.semantic_of.data + (size_t)room * image.element_of.shape[1];
+    const float u0 = (float)(camera.first_u + camera.step_u * left), du = (float)camera.step_u;
     for (int row = 0; row < rows; ++row) {
-        const size_t pixel = (size_t)(top + row) * width + left, at = (size_t)room * height * width + pixel;
-        const float *__restrict length = image.ray_length.data + pixel, *__restrict inverse = q.data + row * COLUMNS;
+        const size_t at = ((size_t)room * height + top + row) * width + left;
+        const float *__restrict inverse = q.data + row * COLUMNS;
         const int *__restrict code = hit.data + row * COLUMNS;
         float *__restrict range = image.distance.data + at;
-        for (int i = 0; i < columns; ++i) range[i] = length[i] / inverse[i];
-        if (image.slot.data) {
-            int *__restrict to = image.slot.data + at;
-            for (int i = 0; i < columns; ++i) to[i] = code[i] - 1;
-        }
-        if (image.element.data) {
-            int *__restrict to = image.element.data + at;
-            wp::uint8 *__restrict kind = image.semantic.data + at;
-            for (int i = 0; i < columns; ++i) {
-                to[i] = names[code[i]];
-                kind[i] = classes[code[i]];
+        int *__restrict slot = image.slot.data ? image.slot.data + at : nullptr;
+        int *__restrict name = image.element.data ? image.element.data + at : nullptr;
+        wp::uint8 *__restrict kind = image.semantic.data ? image.semantic.data + at : nullptr;
+        const double v = camera.first_v + camera.step_v * (top + row);
+        const float depth = (float)(1.0 + v * v);
+        // A pixel's ray is longer than its depth by the root.
+        for (int i = 0; i < columns; i += 8) {
+            const f8 u = u0 + du * (lanes + (float)i);
+            const f8 away = __builtin_elementwise_sqrt(depth + u * u) / *(const f8_at *)(inverse + i);
+            const i8 codes = *(const i8_at *)(code + i);
+            const int first = codes[0];
+            if (i + 8 <= columns && __builtin_reduce_and(codes == first) != 0) {  // one surface, as nearly everywhere
+                *(f8_at *)(range + i) = away;
+                if (slot) *(i8_at *)(slot + i) = codes - 1;
+                if (name) *(i8_at *)(name + i) = names[first] + 0 * codes;
+                if (kind) __builtin_memset(kind + i, classes[first], 8);
+                continue;
+            }
+            const int count = columns - i < 8 ? columns - i : 8;
+            for (int k = 0; k < count; ++k) {
+                range[i + k] = away[k];
+                if (slot) slot[i + k] = codes[k] - 1;
+                if (name) name[i + k] = names[codes[k]];
+                if (kind) kind[i + k] = classes[codes[k]];
             }
         }
     }

@@ -1,0 +1,174 @@
+"""How the cost of scanning grows: rays per second against primitives and rooms, and memory against rooms.
+
+    python -m benchmarks.growth [--json FILE] [--figure FILE]        about three minutes
+
+All on the 320 x 200 grid of a pinhole camera, as an image (the fast path) and as rays of any direction (the general
+kernel, which is the peer here). Rooms in a launch repeat 64 drawn ones. Memory is the peak of a process of its own that
+casts so many rooms, over that of one that casts a single room; what it holds is the input table and the answer.
+"""
+
+import argparse
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.rays import rays_of, rooms_and_poses
+from benchmarks.timing import Timing, measure_in_turns, write_report
+from jaxmm.figures import BLUE, GREY, VERMILLION, save, styled
+from warp_scanner.pinhole import cast_image
+from warp_scanner.scan import cast_rays
+from warp_scanner.scenes import BOX, CYLINDER, TABLE, WALL, Primitives, join, take
+from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose
+
+PRIMITIVES = (10, 30, 100, 300, 1000)  # in a room
+ROOMS = (1, 4, 16, 64, 256, 1024, 4096)  # in a launch
+MOST_GENERAL_ROOMS = 256  # more takes the general kernel minutes, at the same speed
+
+
+def crowded_rooms(rooms: int, count: int, seed: int = 0) -> tuple[Primitives, Pose]:
+    """Shells of 10 x 10 x 3 m with `count` primitives: six for the shell, the rest turned boxes and cylinders."""
+    rng = np.random.default_rng(seed)
+    loose = (rooms, count - 6)
+    kind = rng.choice([BOX, CYLINDER], loose).astype(np.uint8)
+    half_size = rng.uniform(0.05, 0.3, (*loose, 3)).astype(np.float32)
+    half_size[kind == CYLINDER, 1] = half_size[kind == CYLINDER, 0]
+    center = rng.uniform(-4.7, 4.7, (*loose, 3)).astype(np.float32)
+    center[..., 2] = half_size[..., 2] - 1.5
+    angle = np.arctan2(center[..., 1], center[..., 0])
+    near = np.hypot(center[..., 0], center[..., 1]) < 1.0  # nothing stands at the sensor
+    center[near, 0], center[near, 1] = 2.0 * np.cos(angle[near]), 2.0 * np.sin(angle[near])
+    element = np.broadcast_to(np.arange(6, count, dtype=np.int32), loose)
+    pieces = Primitives(
+        kind, center, half_size, rng.uniform(-np.pi, np.pi, loose).astype(np.float32), element,
+        np.full(loose, TABLE, np.uint8),
+    )  # fmt: skip
+    places = np.array(
+        [[0, 0, -1.55], [0, 0, 1.55], [-5.05, 0, 0], [5.05, 0, 0], [0, -5.05, 0], [0, 5.05, 0]], np.float32
+    )
+    sizes = np.array([[5, 5, 0.05]] * 2 + [[0.05, 5, 1.5]] * 2 + [[5, 0.05, 1.5]] * 2, np.float32)
+    shell = Primitives(
+        np.full((rooms, 6), BOX, np.uint8), np.tile(places, (rooms, 1, 1)), np.tile(sizes, (rooms, 1, 1)),
+        np.zeros((rooms, 6), np.float32), np.tile(np.arange(6, dtype=np.int32), (rooms, 1)),
+        np.full((rooms, 6), WALL, np.uint8),
+    )  # fmt: skip
+    yaw = rng.uniform(-180, 180, rooms).astype(np.float32)
+    pose = Pose(np.zeros((rooms, 3), np.float32), yaw, np.zeros(rooms, np.float32))
+    return join(shell, pieces), pose
+
+
+def repeated(primitives: Primitives, pose: Pose, count: int) -> tuple[Primitives, Pose]:
+    """So many rooms, the given ones over and over."""
+    rows = np.arange(count) % len(primitives.kind)
+    return take(primitives, rows), Pose(*(field[rows] for field in pose))
+
+
+def speeds(scene: tuple[Primitives, Pose], repeat: int) -> tuple[float, float | None]:
+    """Rays per second [1e6] of the fast path and, for launches that it can finish soon, of the general kernel."""
+    primitives, pose = scene
+    sensor = OAK_D_PRO_SMALL
+    contestants = [lambda: cast_image(primitives, None, sensor, pose)]
+    if len(primitives.kind) <= MOST_GENERAL_ROOMS:
+        contestants.append(lambda: cast_rays(primitives, None, rays_of(sensor, pose)))
+
+    def speed(timing: Timing) -> float:
+        return round(len(primitives.kind) * sensor.width * sensor.height / timing.median / 1e6, 2)
+
+    found = [speed(timing) for timing in measure_in_turns(contestants, repeat)]
+    return found[0], found[1] if len(found) > 1 else None
+
+
+def peak_memory(rooms: int) -> float:
+    """Peak memory [MB] of a process that casts so many rooms."""
+    command = [sys.executable, "-m", "benchmarks.growth", "--cast", str(rooms)]
+    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout) / 1024
+
+
+def cast_and_tell(rooms: int) -> None:
+    """Cast so many rooms and print the peak memory of this process [kB]."""
+    cast_image(*_arguments(*repeated(*crowded_rooms(64, 150), rooms)))
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+
+
+def _arguments(primitives: Primitives, pose: Pose) -> tuple:
+    return primitives, None, OAK_D_PRO_SMALL, pose
+
+
+@styled
+def draw(found: dict[str, list[dict]]) -> Figure:
+    """Three panels: speed against primitives, speed against rooms, memory against rooms."""
+    figure = Figure((13.0, 4.0), layout="constrained")
+    panels = figure.subplots(1, 3)
+    for axes, name in zip(panels[:2], ("primitives", "rooms"), strict=True):
+        rows = found[name]
+        for field, title, color, marker in (("ours", "image", BLUE, "o"), ("peer", "any rays", VERMILLION, "s")):
+            there = [row for row in rows if row[field] is not None]
+            x, y = [row[name] for row in there], [row[field] for row in there]
+            axes.plot(x, y, marker=marker, color=color, label=title)
+        label = {"primitives": "primitives in a room", "rooms": "rooms in a launch"}[name]
+        axes.set(xscale="log", yscale="log", xlabel=label, ylabel="million rays per second")
+    panels[0].legend()
+    rows = found["memory"]
+    panels[2].plot(
+        [row["rooms"] for row in rows], [row["ours"] for row in rows], marker="o", color=BLUE, label="measured"
+    )
+    answer = [row["peer"] for row in rows]
+    panels[2].plot([row["rooms"] for row in rows], answer, linestyle="--", color=GREY, label="scans and table alone")
+    panels[2].set(xscale="log", yscale="log", xlabel="rooms in a launch", ylabel="memory above one room [MB]")
+    panels[2].legend()
+    figure.suptitle("Cost of scanning: 320 x 200 rays a room, 2 threads")
+    return figure
+
+
+def measure(repeat: int) -> dict[str, list[dict]]:
+    """Rows of the three panels."""
+    rows: dict[str, list[dict]] = {"primitives": [], "rooms": [], "memory": []}
+
+    def add(kind: str, case: str, values: tuple, unit: str, **more: int) -> None:
+        ours, peer = values
+        peer_name = "what must be held" if kind == "memory" else "general kernel"
+        ratio = None if not peer else round((peer / ours) if kind == "memory" else (ours / peer), 2)
+        rows[kind].append(
+            {"case": case, "ours": ours, "peer": peer, "peer_name": peer_name, "unit": unit, "ratio": ratio, **more}
+        )
+        print(f"{case:32} ours {ours:9.2f}  {peer_name} {'-' if peer is None else f'{peer:9.2f}'} {unit}")
+
+    for count in PRIMITIVES:
+        found = speeds(crowded_rooms(32, count), repeat)
+        add("primitives", f"{count} primitives, 32 rooms", found, "Mrays/s", primitives=count)
+    drawn = rooms_and_poses(64)
+    for count in ROOMS:
+        found = speeds(repeated(*drawn, count), repeat)
+        add("rooms", f"{count} rooms of about 150", found, "Mrays/s", rooms=count)
+    least = peak_memory(1)
+    pixels = OAK_D_PRO_SMALL.width * OAK_D_PRO_SMALL.height
+    for count in ROOMS[2:]:
+        held = count * (pixels * 9 + 150 * 34) / 2**20
+        more = max(peak_memory(count) - least, 0.01)
+        add("memory", f"memory of {count} rooms", (round(more, 1), round(held, 1)), "MB", rooms=count)
+    return rows
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser.add_argument("--figure", type=Path, help="also draw them (.png, .pdf or .svg)")
+    parser.add_argument("--repeat", type=int, default=5, help="casts after the first, of which the median is taken")
+    parser.add_argument("--cast", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.cast:
+        cast_and_tell(options.cast)
+        return 0
+    found = measure(options.repeat)
+    if options.json:
+        write_report(options.json, [row for rows in found.values() for row in rows], "warp-lang", "numpy")
+    if options.figure:
+        save(draw(found), options.figure)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
