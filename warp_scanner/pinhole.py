@@ -1,4 +1,4 @@
-"""Casts whole pinhole images at the primitives of many rooms: the thin host side of pinhole_kernels.py.
+"""Casts whole pinhole images at the primitives of many rooms: the thin host side of two files of kernels.
 
 R rooms, K slots of primitives, P = W H pixels. World frame: metres, z up.
 """
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_scanner import pinhole_kernels as kernels
+from warp_scanner import outline_kernels, pinhole_kernels
 from warp_scanner.launches import load, share, share_out, thread_count
 from warp_scanner.scan import Rays, Scan, cast_rays, cast_slots
 from warp_scanner.scenes import GAP, Primitives, take
@@ -89,7 +89,8 @@ def _draw(
         raise ValueError(f"pose.position must be ({room_count}, 3) and finite, got {position.shape}")
     if room_count == 0:
         return np.zeros(0, np.int64)
-    load(kernels)
+    load(outline_kernels)
+    load(pinhole_kernels)
     camera = _camera(sensor)
     threads = thread_count(threads)
     at_once = min(_ROOMS_AT_ONCE, -(-room_count // threads))
@@ -113,23 +114,27 @@ def _draw_tiles(image: _Image, scene: Primitives, seen: tuple, threads: int) -> 
     """Draw some rooms, given their view and the camera."""
     view, camera = seen
     miss = np.full((len(scene.kind), 1), -1, np.int32)
-    out = kernels.Image()
+    out = pinhole_kernels.Image()
     out.element_of = share(np.concatenate([miss, scene.element], axis=1, dtype=np.int32), wp.int32)
     out.semantic_of = share(np.concatenate([miss * 0, scene.semantic], axis=1).astype(np.uint8), wp.uint8)
     for name, dtype in (("distance", wp.float32), ("slot", wp.int32), ("element", wp.int32), ("semantic", wp.uint8)):
         if getattr(image, name) is not None:
             setattr(out, name, share(getattr(image, name), dtype))
-    tiles = -(-camera.width // kernels.TILE_COLUMNS) * -(-camera.height // kernels.TILE_ROWS) * len(scene.kind)
+    tiles = (
+        -(-camera.width // pinhole_kernels.TILE_COLUMNS)
+        * -(-camera.height // pinhole_kernels.TILE_ROWS)
+        * len(scene.kind)
+    )
 
     def launch(first: int, count: int) -> None:
-        wp.launch(kernels.draw_tiles, dim=count, inputs=[first, view, camera, out], device="cpu")
+        wp.launch(pinhole_kernels.draw_tiles, dim=count, inputs=[first, view, camera, out], device="cpu")
 
     share_out(launch, tiles, threads)
 
 
-def _camera(sensor: Pinhole) -> kernels.Camera:
+def _camera(sensor: Pinhole) -> outline_kernels.Camera:
     """The camera as the kernels want it."""
-    camera = kernels.Camera()
+    camera = outline_kernels.Camera()
     camera.width, camera.height = sensor.width, sensor.height
     edge_u, edge_v = (np.tan(np.radians(fov) / 2) for fov in (sensor.horizontal_fov, sensor.vertical_fov))
     camera.step_u, camera.step_v = -2.0 * edge_u / sensor.width, -2.0 * edge_v / sensor.height
@@ -141,11 +146,11 @@ def _view(
     primitives: Primitives,
     present: np.ndarray,
     sensors: tuple[np.ndarray, np.ndarray],
-    camera: kernels.Camera,
-) -> kernels.View:
+    camera: outline_kernels.Camera,
+) -> outline_kernels.View:
     shape = present.shape
-    view = kernels.View()
-    view.outline = wp.empty(shape, dtype=kernels.Outline, device="cpu")
+    view = outline_kernels.View()
+    view.outline = wp.empty(shape, dtype=outline_kernels.Outline, device="cpu")
     view.window = wp.empty(shape, dtype=wp.vec4i, device="cpu")
     view.count = wp.empty(shape[0], dtype=int, device="cpu")
     view.general = wp.empty(shape[0], dtype=wp.bool, device="cpu")
@@ -154,5 +159,5 @@ def _view(
     inputs = [share(kind, wp.uint8)]
     inputs += [share(field, dtype) for field, dtype in zip(solids, (wp.vec3, wp.vec3, wp.float32), strict=True)]
     inputs += [share(sensors[0], wp.vec3), share(sensors[1], wp.mat33), camera]
-    wp.launch(kernels.prepare_view, dim=shape[0], inputs=inputs, outputs=[view], device="cpu")
+    wp.launch(outline_kernels.prepare_view, dim=shape[0], inputs=inputs, outputs=[view], device="cpu")
     return view
