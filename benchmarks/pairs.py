@@ -14,7 +14,8 @@ import numpy as np
 
 from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.config import Config
-from jaxmm.pipeline import CloudSource, clouds
+from jaxmm.pipeline import clouds
+from jaxmm.simulator import CloudSource
 from warp_scanner.pairs import PRESETS, PairConfig, make_pairs
 
 PAIRS, PEER_PAIRS = 64, 8

@@ -143,24 +143,24 @@ def _add_out(command: argparse.ArgumentParser) -> None:
 
 
 def _reproduce(options: argparse.Namespace) -> None:
-    from jaxmm import pipeline, reproduce
+    from jaxmm import reproduce, simulator
 
-    reproduce.reproduce(pipeline.load_config(options.config), _run_folder(options))
+    reproduce.reproduce(simulator.load_config(options.config), _run_folder(options))
 
 
 def _generate(options: argparse.Namespace) -> None:
-    from jaxmm import generate, pipeline
+    from jaxmm import generate, simulator
 
     asked = (getattr(options, name) for name in generate.Request._fields)
-    manifest = generate.generate(pipeline.load_config(options.config), options.out, generate.Request(*asked))
+    manifest = generate.generate(simulator.load_config(options.config), options.out, generate.Request(*asked))
     points = sum(entry.points for entry in manifest.shards.values())
     print(f"shards: {options.out} ({manifest.count} pairs, {points} points in {len(manifest.shards)} files)")
 
 
 def _train(options: argparse.Namespace) -> None:
-    from jaxmm import pipeline, reproduce, runs
+    from jaxmm import reproduce, runs, simulator
 
-    settings, folder = pipeline.load_config(options.config), _run_folder(options)
+    settings, folder = simulator.load_config(options.config), _run_folder(options)
     if (folder / runs.CONFIG).exists() and not options.resume:
         raise InputError(f"{folder}: already holds a run; --resume goes on with it, --out chooses another folder")
     with runs.open_run(folder, settings):

@@ -11,11 +11,38 @@ from jaxmm.inputs import InputError
 
 SCENARIOS = ("pillar_added", "wall_added", "pillar_removed", "wall_removed")
 CONDITIONS = ("clean", "occluded")
+UNCHANGED = "unchanged"
+# Several changes at once, named and drawn by the simulator.
+MULTI_SCENARIOS = (
+    "pillars_added", "walls_added", "pillars_removed", "walls_removed", "pillar_and_wall_added",
+    "pillar_and_wall_removed", "pillar_added_and_removed", "wall_added_and_removed", "all_four", "pillar_moved",
+    "wall_moved",
+)  # fmt: skip
+SCENES = (*SCENARIOS, UNCHANGED, *MULTI_SCENARIOS)
 TRAINED_METHODS = {"nn": 1, "xyz_nn": 4}  # method -> features per point
 
 
 class ConfigError(InputError):
     """A setting that is unknown, of the wrong type, or out of range; one line that says where."""
+
+
+class Table(tuple):
+    """A TOML table as (key, value) pairs sorted by key, so that settings that hold one can be hashed."""
+
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> "Table":
+        """Freeze a table and all that is in it."""
+        return cls((key, _frozen(value)) for key, value in sorted(values.items()))
+
+    def thawed(self) -> dict[str, Any]:
+        """The table as TOML gives it, but with tuples for lists."""
+        return {key: value.thawed() if isinstance(value, Table) else value for key, value in self}
+
+
+def _frozen(value: Any) -> Any:
+    if isinstance(value, dict):
+        return Table.of(value)
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
 MOST_ROOMS = 1_000_000  # of one kind; they are held in memory
@@ -38,8 +65,9 @@ class DataConfig:
     train_rooms: int = bounded(96, 1, MOST_ROOMS)
     validation_rooms: int = bounded(24, 1, MOST_ROOMS)
     test_rooms: int = bounded(100, 1, MOST_ROOMS)
-    # Rooms without a mismatch to train every model with; a quarter of as many to validate.
+    # Rooms without a mismatch, and with several at once, to train every model with; a quarter of as many to validate.
     unchanged_rooms: int = bounded(24, 0, MOST_ROOMS)
+    multi_rooms: int = bounded(0, 0, MOST_ROOMS)
     train_seed: int = bounded(1, 0, 2**63 - 1)
     validation_seed: int = bounded(2, 0, 2**63 - 1)
     test_seed: int = bounded(3, 0, 2**63 - 1)
@@ -52,16 +80,6 @@ class DataConfig:
         seeds = (self.train_seed, self.validation_seed, self.test_seed)
         if len(set(seeds)) < 3:
             raise ConfigError(f"train, validation and test seeds must differ, got {seeds}")
-
-
-@dataclasses.dataclass(frozen=True)
-class ScanConfig:
-    """The sensor: an 80 x 55 degree pinhole camera that measures ranges."""
-
-    width: int = bounded(320, 1, 8192)  # [pixels]
-    height: int = bounded(200, 1, 8192)  # [pixels]
-    sensor_height: float = bounded(1.0, 0.3, 2.5)  # [m] above the floor
-    range_noise: float = bounded(0.0, 0.0, 1.0)  # [m] standard deviation along the ray, robot scan only
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,12 +157,12 @@ class EvaluateConfig:
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """Everything a run needs. `room` holds fields of warp_scanner's RoomConfig, checked where rooms are made."""
+    """Everything a run needs. `scan` and `room` are for the simulator, and checked in jaxmm/simulator.py."""
 
     seed: int = bounded(0, 0, 2**31 - 1)  # of the models' initial weights, batches and dropout
     data: DataConfig = DataConfig()
-    scan: ScanConfig = ScanConfig()
-    room: tuple[tuple[str, Any], ...] = ()
+    scan: Table = Table()  # preset, sensor, width, height, and fields of warp_scanner's PairConfig
+    room: Table = Table()  # fields of warp_scanner's RoomConfig
     preprocess: PreprocessConfig = PreprocessConfig()
     network: NetworkConfig = NetworkConfig()
     loss: LossConfig = LossConfig()
@@ -202,10 +220,10 @@ def _convert(field: dataclasses.Field, value: Any, where: str) -> Any:
         except ConfigError as error:
             message = str(error)
             raise ConfigError(message if message.startswith(where) else f"{where}: {message}") from error
-    if field.name == "room":
+    if field.type is Table:
         if not isinstance(value, dict):
             raise ConfigError(f"{where}: expected a table, got {value!r}")
-        return tuple((key, _frozen(item)) for key, item in sorted(value.items()))
+        return Table.of(value)
     value = _typed(field.type, value, where)
     _check_range(field, value, where)
     return value
@@ -232,7 +250,3 @@ def _check_range(field: dataclasses.Field, value: Any, where: str) -> None:
         if isinstance(number, int | float) and not (low <= number <= high and math.isfinite(number)):
             bounds = f"at least {low:g}" if high == math.inf else f"from {low:g} to {high:g}"
             raise ConfigError(f"{where}: expected {bounds}, got {number!r}")
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(_frozen(item) for item in value) if isinstance(value, list) else value

@@ -4,8 +4,8 @@ import numpy as np
 
 from jaxmm import pipeline, shards
 from jaxmm.batches import LabelledCloud
-from jaxmm.config import CONDITIONS, SCENARIOS, Config
-from jaxmm.pipeline import UNCHANGED, CloudSource
+from jaxmm.config import CONDITIONS, SCENARIOS, SCENES, Config
+from jaxmm.simulator import CloudSource
 
 Rows = dict[str, np.ndarray]
 
@@ -15,7 +15,7 @@ def make_shard(config: Config, raw: bool, first: int, stop: int) -> bytes:
 
     Args:
         config: scan, room and preprocess settings; rooms are drawn from `data.train_seed`, and `shards.places` mixes
-            changed and unchanged ones as `data` says.
+            scenes as `data` says.
         raw: add both raw scans of every pair.
         first: number of the first pair, at least 0.
         stop: number after the last pair, above `first`.
@@ -25,21 +25,23 @@ def make_shard(config: Config, raw: bool, first: int, stop: int) -> bytes:
     """
     index = np.arange(first, stop)
     places = shards.places(config.data, index)
-    kinds = np.stack(places[:3], axis=1)
     made: list[tuple[LabelledCloud, Rows]] = [None] * len(index)  # type: ignore[list-item]
     directions = np.zeros((0, 3), np.float32)
-    # Rooms of one kind are scanned together, and each lands in its own place.
+    kinds = np.stack([places.scene, places.condition], axis=1)
+    # Rooms of one kind are scanned together, once for all models, and each cloud lands in its own place.
     for kind in np.unique(kinds, axis=0):
         rows = np.flatnonzero((kinds == kind).all(axis=1))
-        scenario = SCENARIOS[kind[0]]
-        scene = scenario if kind[1] else UNCHANGED
-        source = CloudSource(scenario, scene, CONDITIONS[kind[2]], config.data.train_seed)
-        pairs = pipeline.pairs_of(config, source, places.room[rows], threads=1)  # engines share out shards, not rays
+        rooms, number = np.unique(places.room[rows], return_inverse=True)
+        source = CloudSource("", SCENES[kind[0]], CONDITIONS[kind[1]], config.data.train_seed)
+        pairs = pipeline.pairs_of(config, source, rooms, threads=1)  # engines share out shards, not rays
         directions = pairs.directions
-        clouds = pipeline.clouds_of(config, source, pairs, threads=1)
-        for row, place in enumerate(rows):
-            truth = _truth(pairs, row) | (_raw_scans(pairs, row) if raw else {})
-            made[place] = clouds[row], truth
+        truths = [_truth(pairs, row) | (_raw_scans(pairs, row) if raw else {}) for row in range(len(rooms))]
+        for scenario in np.unique(places.scenario[rows]):
+            chosen = places.scenario[rows] == scenario
+            model = source._replace(scenario=SCENARIOS[scenario])
+            clouds = pipeline.clouds_of(config, model, pairs, threads=1)
+            for place, room in zip(rows[chosen], number[chosen], strict=True):
+                made[place] = clouds[room], truths[room]
     told = {"index": index} | {name: getattr(places, name) for name in places._fields}
     arrays = _joined([cloud for cloud, _ in made]) | _stacked([truth for _, truth in made]) | told
     if raw:
@@ -49,19 +51,28 @@ def make_shard(config: Config, raw: bool, first: int, stop: int) -> bytes:
 
 
 def _truth(pairs, row: int) -> Rows:
-    """Of one pair with at most one changed object."""
+    """Of one pair, its changed objects filled up to MOST_CHANGES."""
 
-    def only(field: np.ndarray) -> np.ndarray:
-        return field[row, 0] if field.shape[1] else np.full(field.shape[2:], np.nan, field.dtype)
+    def padded(field: np.ndarray, gap: float) -> np.ndarray:
+        more = shards.MOST_CHANGES - field.shape[1]
+        return np.concatenate([field[row], np.full((more, *field.shape[2:]), gap, field.dtype)])
 
+    box = pairs.box
     return {
-        "observable_fraction": only(pairs.observable_fraction),
-        "box_center": only(pairs.box.center),
-        "box_size": only(pairs.box.size),
-        "box_yaw": only(pairs.box.yaw),
+        "observable_fraction": padded(pairs.observable_fraction, np.nan),
+        "box_center": padded(box.center, np.nan),
+        "box_size": padded(box.size, np.nan),
+        "box_yaw": padded(box.yaw, np.nan),
+        "box_type": np.where(padded(box.change, 0) != 0, padded(box.object_type, 0), 0),
+        "box_change": padded(box.change, 0),
+        "box_element": np.where(padded(box.change, 0) != 0, padded(box.element, -1), -1),
+        "box_moved_from": padded(box.moved_from, -1),
         "sensor_position": pairs.pose.position[row],
         "sensor_yaw": pairs.pose.yaw[row],
         "sensor_pitch": pairs.pose.pitch[row],
+        "true_position": pairs.true_pose.position[row],
+        "true_yaw": pairs.true_pose.yaw[row],
+        "true_pitch": pairs.true_pose.pitch[row],
     }
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from tqdm import tqdm
 
-from jaxmm import card, dataset, local_engine, runs, shards
+from jaxmm import card, dataset, local_engine, runs, shards, simulator
 from jaxmm.config import Config
 from jaxmm.files import write_atomically, write_text
 from jaxmm.inputs import InputError
@@ -58,7 +58,7 @@ def generate(config: Config, folder: Path, request: Request) -> Manifest:
         earlier = dict(manifest.shards)  # what repaired shards must turn out to be
         _drop_damaged(folder, manifest, request)
         _fill(config, folder, manifest, (results, request.workers, earlier))
-        write_text(folder / card.CARD, card.text(manifest))
+        write_text(folder / card.CARD, card.text(manifest, simulator.errors_of(config)))
     return manifest
 
 
@@ -148,7 +148,7 @@ def _stored(folder: Path, number: int, what: tuple[tuple[int, int], bytes, Entry
 
 
 def _pairs_per_shard(config: Config, raw: bool) -> int:
-    pixels = config.scan.width * config.scan.height
+    pixels = simulator.ray_count(config)
     return max(1, min(PAIRS_PER_SHARD, int(RAW_SHARD_BYTES // (pixels * RAW_RAY_BYTES)))) if raw else PAIRS_PER_SHARD
 
 
@@ -160,7 +160,7 @@ def _check_space(config: Config, folder: Path, request: Request) -> None:
     if (folder / shards.MANIFEST).exists():
         done = sum(entry.stop - entry.first for entry in shards.read_manifest(folder).shards.values())
     missing = request.count - done
-    pixels = config.scan.width * config.scan.height
+    pixels = simulator.ray_count(config)
     if missing * pixels * (POINT_BYTES + request.raw * RAW_RAY_BYTES) <= free / 2:
         return
     need = missing * len(dataset.make_shard(config, request.raw, 0, SAMPLE)) / SAMPLE

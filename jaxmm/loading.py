@@ -96,8 +96,9 @@ def shard_clouds(config: Config, folder: Path, seal: Path) -> list[ShardClouds]:
         raise InputError(f"{folder}: shards of other {', '.join(other)} settings than this run's")
     _check_seal(seal, [entry.sha256 for _, entry in sorted(manifest.shards.items())])
     places, opened = shards.places(made_for.data, np.arange(manifest.count)), {}
-    # The last key counts first: changed rooms before unchanged ones, clean before occluded, then by number.
-    order = np.lexsort((places.room, places.condition, ~places.changed))
+    # The last key counts first: own changes, none, then several; clean before occluded; then by number.
+    kind = np.digitize(places.scene, [len(SCENARIOS), len(SCENARIOS) + 1])
+    order = np.lexsort((places.room, places.condition, kind))
     chosen = [order[places.scenario[order] == scenario] for scenario in range(len(SCENARIOS))]
     if not all(map(len, chosen)):
         raise InputError(f"{folder}: {manifest.count} pairs are too few to hold every scenario; expected at least 8")

@@ -1,106 +1,45 @@
 """Joins simulator and learning: rooms are scanned and become labelled clouds, for training and for evaluation."""
 
-import dataclasses
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxmm.batches import LabelledCloud
 from jaxmm.boxes import Box
-from jaxmm.config import CONDITIONS, SCENARIOS, Config, ConfigError, load
+from jaxmm.config import Config
 from jaxmm.evaluate import RoomTruth
 from jaxmm.files import REMEDY, load_arrays, write_arrays
 from jaxmm.inputs import InputError
 from jaxmm.labels import filter_labels, heuristic_labels
 from jaxmm.preprocess import object_filter, outlier_mask, structural_filter
+from jaxmm.simulator import CloudSource, pair_config, ray_count, scene_of
 from warp_scanner.neighbours import nearest
-from warp_scanner.pairs import PairConfig, Pairs, make_pairs, points_of
-from warp_scanner.rooms import RoomConfig
+from warp_scanner.pairs import Pairs, make_pairs, points_of
 from warp_scanner.scan import Scan
-from warp_scanner.scenes import STRUCTURE
-from warp_scanner.sensors import Pinhole
+from warp_scanner.scenes import PILLAR, STRUCTURE, WALL
 from warp_scanner.voxels import thin_clouds
 
 RAYS_AT_ONCE = 32 * 64_000  # of the rooms that are scanned together: bounds the memory
-UNCHANGED = "unchanged"
-
-
-class CloudSource(NamedTuple):
-    """Which clouds: the side and object type of one model, out of scenes of a kind."""
-
-    scenario: str  # whose model the clouds are for: it fixes the side that is scored, and the object type
-    scene: str  # that scenario, or UNCHANGED
-    condition: str  # "clean" | "occluded"
-    seed: int
-
-
-def load_config(path: Path) -> Config:
-    """Read settings and check them all, those of the simulator too.
-
-    Raises:
-        ConfigError: see `config.load` and `pair_config`; the line names the file.
-    """
-    config = load(path)
-    try:
-        pair_config(config, CloudSource(SCENARIOS[0], SCENARIOS[0], CONDITIONS[0], config.data.train_seed))
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from error
-    return config
-
-
-def pair_config(config: Config, source: CloudSource) -> PairConfig:
-    """The simulator's settings for one kind of pair.
-
-    Raises:
-        ConfigError: a `room` setting is unknown, of the wrong type or out of range, or the sensor is not in the room.
-    """
-    room = room_config(config)
-    try:
-        return PairConfig(
-            seed=source.seed,
-            scenario=source.scene,
-            condition=source.condition,
-            room=room,
-            sensor=Pinhole(config.scan.width, config.scan.height),
-            sensor_height=config.scan.sensor_height,
-            range_noise=config.scan.range_noise,
-        )
-    except ValueError as error:
-        raise ConfigError(f"scan: {error}") from error
-
-
-def room_config(config: Config) -> RoomConfig:
-    """The simulator's room settings: its defaults, but for what the config's `room` table says."""
-    fields = {field.name: field.default for field in dataclasses.fields(RoomConfig)}
-    for name, value in config.room:
-        if name not in fields:
-            raise ConfigError(f"room: unknown {name}; expected some of {', '.join(fields)}")
-        if not _alike(value, fields[name]):
-            raise ConfigError(f"room: {name}: expected something like {fields[name]!r}, got {value!r}")
-    try:
-        return RoomConfig(**dict(config.room))
-    except ValueError as error:
-        raise ConfigError(f"room: {error}") from error
-
-
-def _alike(value: Any, default: Any) -> bool:
-    """Whether a setting has the shape of its default and finite numbers, whole ones where that has whole ones."""
-    if isinstance(default, tuple):
-        return isinstance(value, tuple) and len(value) == len(default) and all(map(_alike, value, default))
-    return type(value) in (type(default), int) and abs(value) < 2**31
+_CLASSES = {"pillar": PILLAR, "wall": WALL}
 
 
 def clouds(config: Config, source: CloudSource, index: np.ndarray) -> Iterator[tuple[LabelledCloud, RoomTruth]]:
     """The clouds of the given rooms, each a pure function of (config, source, its index), a few rooms at a time."""
-    at_once = max(1, RAYS_AT_ONCE // (config.scan.width * config.scan.height))
+    at_once = max(1, RAYS_AT_ONCE // ray_count(config))
     for start in range(0, len(index), at_once):
         part = np.asarray(index[start : start + at_once])
-        pairs = pairs_of(config, source, part)
-        for row, cloud in enumerate(clouds_of(config, source, pairs)):
-            yield cloud, truth_of(source, pairs, row, int(part[row]))
+        scenes = np.array([scene_of(source.scene, int(room)) for room in part])
+        made = {}
+        for scene in dict.fromkeys(scenes.tolist()):
+            chosen = source._replace(scene=scene)
+            rooms = part[scenes == scene]
+            pairs = pairs_of(config, chosen, rooms)
+            for row, cloud in enumerate(clouds_of(config, chosen, pairs)):
+                made[int(rooms[row])] = cloud, truth_of(chosen, pairs, row, int(rooms[row]))
+        yield from (made[int(room)] for room in part)
 
 
 def pairs_of(config: Config, source: CloudSource, index: np.ndarray, threads: int | None = None) -> Pairs:
@@ -181,26 +120,33 @@ def _labelled(
     """The cloud of one room with its labels and the truth about every point."""
     points, pixel = kept
     removed = source.scenario.endswith("removed")
-    scan, changed, testable = (
-        (pairs.dt, pairs.changed_dt, pairs.testable_dt)
-        if removed
-        else (pairs.robot, pairs.changed_robot, pairs.testable_robot)
-    )
+    scan, testable = (pairs.dt, pairs.testable_dt) if removed else (pairs.robot, pairs.testable_robot)
     element = scan.element[row, pixel]
+    changed = np.isin(element, pairs.box.element[row, changes_of(source.scenario, pairs, row)])
     heuristic = heuristic_labels(distance, config.preprocess.label_distance)
     if removed and config.preprocess.label_filter in (source.condition, "always"):
         heuristic = filter_labels(points, element, heuristic, source.scenario.split("_")[0])
-    return LabelledCloud(points, distance, element, heuristic, changed[row, pixel], testable[row, pixel])
+    return LabelledCloud(points, distance, element, heuristic, changed, testable[row, pixel])
+
+
+def changes_of(scenario: str, pairs: Pairs, row: int) -> np.ndarray:
+    """Which of the changed objects (M,) of one pair are those that a scenario's model looks for, as indices."""
+    object_type, _, change = scenario.partition("_")
+    box = pairs.box
+    wanted = (box.change[row] == (-1 if change == "removed" else 1)) & (box.object_type[row] == _CLASSES[object_type])
+    return np.flatnonzero(wanted)
 
 
 def truth_of(source: CloudSource, pairs: Pairs, row: int, index: int) -> RoomTruth:
-    """What changed in room number `index`, which stands in row `row` of the pairs."""
-    box = pairs.box
-    if box.yaw.shape[1] == 0:  # nothing changed
+    """The first object of the kind that the model looks for in room number `index`, which is row `row` of the pairs."""
+    kind, box = source.scenario.split("_")[0], pairs.box
+    wanted = changes_of(source.scenario, pairs, row)
+    if not len(wanted):
         nowhere = np.full(3, np.nan, np.float32)
-        return RoomTruth(index, Box(source.scenario.split("_")[0], nowhere, nowhere, np.nan), np.nan)
-    truth = Box(source.scenario.split("_")[0], box.center[row, 0], box.size[row, 0], float(box.yaw[row, 0]))
-    return RoomTruth(index, truth, float(pairs.observable_fraction[row, 0]))
+        return RoomTruth(index, Box(kind, nowhere, nowhere, np.nan), np.nan)
+    first = wanted[0]
+    truth = Box(kind, box.center[row, first], box.size[row, first], float(box.yaw[row, first]))
+    return RoomTruth(index, truth, float(pairs.observable_fraction[row, first]))
 
 
 def cached_clouds(config: Config, source: CloudSource, count: int, path: Path) -> Iterator[LabelledCloud]:

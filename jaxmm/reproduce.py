@@ -11,11 +11,11 @@ from tqdm import tqdm
 from jaxmm import evaluate, figures, loading, pipeline, room_figures, runs, tables
 from jaxmm.batches import LabelledCloud, Sampler, labels_of, validation_batch
 from jaxmm.boxes import Box, sentence
-from jaxmm.config import CONDITIONS, SCENARIOS, Config
+from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED, Config
 from jaxmm.files import REMEDY, load_arrays, load_json, write_arrays, write_json
 from jaxmm.fit import Record, fit
 from jaxmm.inputs import InputError
-from jaxmm.pipeline import UNCHANGED, CloudSource
+from jaxmm.simulator import MULTI, CloudSource
 from jaxmm.train import Model
 
 SENTENCES = "sentences.json"
@@ -79,17 +79,18 @@ def _train(config: Config, folder: Path, what: tuple) -> tuple[Model, list[Recor
 
 
 def _training_clouds(config: Config, folder: Path, scenario: str, split: str) -> list[LabelledCloud]:
-    """One model's clouds: its scenario's rooms, and rooms where nothing changed, each clean and occluded."""
+    """One model's clouds: its scenario's rooms, and those with no change and with several, clean and occluded."""
     data = config.data
     seed, count = (
         (data.train_seed, data.train_rooms) if split == "train" else (data.validation_seed, data.validation_rooms)
     )
-    unchanged = data.unchanged_rooms if split == "train" else data.unchanged_rooms // 4
+    share = 1 if split == "train" else 4
+    others = ((UNCHANGED, data.unchanged_rooms // share), (MULTI, data.multi_rooms // share))
     clouds = []
-    for scene, rooms in ((scenario, count), (UNCHANGED, unchanged)):
+    for scene, rooms in ((scenario, count), *others):
         for condition in CONDITIONS if rooms else ():
             source = CloudSource(scenario, scene, condition, seed)
-            kind = scenario if scene == scenario else f"{scenario}_{UNCHANGED}"
+            kind = scenario if scene == scenario else f"{scenario}_{scene}"
             path = folder / "data" / f"{split}_{kind}_{condition}.npz"
             label = f"scan {split} rooms: {kind.replace('_', ' ')}, {condition}"
             clouds += _progress(pipeline.cached_clouds(config, source, rooms, path), label, rooms)
@@ -161,7 +162,7 @@ def write_results(config: Config, run: Path, folder: Path, rooms: Scores) -> Non
         "test_rooms_per_row": max(map(len, rooms.values())),
         "least_positives": config.evaluate.least_positives,
         "interval": "95 % percentile bootstrap over rooms",
-        "range_noise": config.scan.range_noise,
+        "scan": config.scan.thawed(),
         "train": {name: getattr(config.train, name) for name in TOLD},
         "versions": load_json(run / runs.VERSIONS),
     }

@@ -109,7 +109,7 @@ def read_config(folder: Path) -> Config:
 def as_table(config: Config) -> dict[str, Any]:
     """A Config as TOML writes it: every setting, defaults too."""
     table = dataclasses.asdict(config)
-    return table | {"room": dict(config.room)}
+    return table | {"scan": config.scan.thawed(), "room": config.room.thawed()}
 
 
 def versions() -> dict[str, Any]:

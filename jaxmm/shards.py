@@ -1,8 +1,8 @@
 """Shards: files of labelled clouds with the truth about each pair, memory-mapped, checksummed, listed in a manifest.
 
-n pairs of a shard, P points of all its clouds one after the other, R rays of a scan. A shard is a safetensors file:
-eight bytes that hold the length of a JSON header (little-endian), the header with dtype, shape and place of every
-field, then the plain numbers. FIELDS says what they mean.
+n pairs of a shard, P points of all its clouds one after the other, R rays of a scan, M changed objects. A shard is a
+safetensors file: eight bytes that hold the length of a JSON header (little-endian), the header with dtype, shape and
+place of every field, then the plain numbers. FIELDS says what they mean.
 """
 
 import hashlib
@@ -13,21 +13,22 @@ from typing import Any, NamedTuple
 import numpy as np
 import safetensors.numpy
 
-from jaxmm.config import CONDITIONS, SCENARIOS, DataConfig
+from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, SCENES, UNCHANGED, DataConfig
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
 
-FORMAT, FORMAT_VERSION = "jaxmm shards", 1
+FORMAT, FORMAT_VERSION = "jaxmm shards", 2
 MANIFEST = "manifest.json"
 DTYPES = {"F32": "<f4", "I32": "<i4", "I64": "<i8", "U8": "|u1", "BOOL": "|b1"}  # safetensors' names
 ROUND = len(SCENARIOS) * len(CONDITIONS)  # pairs in a row that share a room number
+MOST_CHANGES = 4  # M: changed objects of one pair, at most
 
 
 class Field(NamedTuple):
     """One array of a shard."""
 
     dtype: str  # a key of DTYPES
-    shape: tuple[str | int, ...]  # "n", "n+1", "P" and "R" as in the docstring of this module
+    shape: tuple[str | int, ...]  # "n", "n+1", "P", "R" and "M" as in the docstring of this module
     meaning: str
 
 
@@ -35,22 +36,30 @@ FIELDS = {
     "index": Field("I64", ("n",), "number of the pair in the whole data set"),
     "scenario": Field("U8", ("n",), "whose model the cloud is for, and which side it shows: " + ", ".join(
         f"{i} {name}" for i, name in enumerate(SCENARIOS))),
-    "changed": Field("BOOL", ("n",), "False where prior and reality are the same"),
+    "scene": Field("U8", ("n",), "what differs between prior and reality: " + ", ".join(
+        f"{i} {name}" for i, name in enumerate(SCENES))),
     "condition": Field("U8", ("n",), "0 clean, 1 occluded: furniture in the robot scan"),
-    "room": Field("I64", ("n",), "room number; with the seed, scenario, `changed` and condition it fixes the pair"),
-    "observable_fraction": Field("F32", ("n",), "testable rays of the changed object over rays that hit it alone; NaN"),
-    "box_center": Field("F32", ("n", 3), "[m] world, of the changed object; NaN where nothing changed"),
-    "box_size": Field("F32", ("n", 3), "[m] full edge lengths along its own axes; NaN"),
-    "box_yaw": Field("F32", ("n",), "[deg] counter-clockwise from world x; NaN"),
-    "sensor_position": Field("F32", ("n", 3), "[m] world, of both scans"),
+    "room": Field("I64", ("n",), "room number; with the seed, scene and condition it fixes both scans of the pair"),
+    "observable_fraction": Field("F32", ("n", "M"), "testable rays of each changed object over rays that hit it alone"),
+    "box_center": Field("F32", ("n", "M", 3), "[m] world, of the changed objects; NaN, as all of these, where fewer"),
+    "box_size": Field("F32", ("n", "M", 3), "[m] full edge lengths along its own axes"),
+    "box_yaw": Field("F32", ("n", "M"), "[deg] counter-clockwise from world x"),
+    "box_type": Field("U8", ("n", "M"), "class of the changed object, 3 wall or 4 pillar; 0 where fewer"),
+    "box_change": Field("I32", ("n", "M"), "1 added, -1 removed; 0 where fewer"),
+    "box_element": Field("I32", ("n", "M"), "id of the changed object; -1 where fewer"),
+    "box_moved_from": Field("I32", ("n", "M"), "which of the M it was before it moved; -1 for what did not"),
+    "sensor_position": Field("F32", ("n", 3), "[m] world, of the DT scan, and where the robot is believed to be"),
     "sensor_yaw": Field("F32", ("n",), "[deg] counter-clockwise from world x"),
     "sensor_pitch": Field("F32", ("n",), "[deg] upwards"),
+    "true_position": Field("F32", ("n", 3), "[m] where the robot was; other than the above with a pose error only"),
+    "true_yaw": Field("F32", ("n",), "[deg]"),
+    "true_pitch": Field("F32", ("n",), "[deg]"),
     "offset": Field("I64", ("n+1",), "points of pair i are those from offset[i] up to, not including, offset[i + 1]"),
     "points": Field("F32", ("P", 3), "[m] world: DT scan where an object was removed, robot scan where one was added"),
     "distance": Field("F32", ("P",), "[m] to the nearest point of the pair's other scan"),
     "element": Field("I32", ("P",), "id of the object that was hit"),
     "heuristic": Field("BOOL", ("P",), "the thesis's label: a distance threshold, then its cluster filter"),
-    "true": Field("BOOL", ("P",), "the return came from the changed object"),
+    "true": Field("BOOL", ("P",), "the return came from an object that changed as the scenario says"),
     "testable": Field("BOOL", ("P",), "prior and reality differ measurably along this very ray"),
 }  # fmt: skip
 CLASSES = (
@@ -72,7 +81,7 @@ class Places(NamedTuple):
     """What the pairs of some numbers are; (n,) each."""
 
     scenario: np.ndarray  # int64, into SCENARIOS
-    changed: np.ndarray  # bool
+    scene: np.ndarray  # int64, into SCENES
     condition: np.ndarray  # int64, into CONDITIONS
     room: np.ndarray  # int64
 
@@ -112,17 +121,21 @@ def places(data: DataConfig, index: np.ndarray) -> Places:
     """What pair number i of a data set is, for any (n,) integers.
 
     Eight pairs in a row are a round: the four scenarios in order, each clean and occluded, with one room number. Of
-    t + u rounds in a row the first t are of changed rooms and the last u of unchanged ones, where t : u is the ratio
-    of `train_rooms` to `unchanged_rooms` in lowest terms. Both kinds count their rooms from 0.
+    t + u + m rounds in a row the first t are of rooms with the scenario's own change, the next u of unchanged ones and
+    the last m of rooms with several changes, where t : u : m is the ratio of `train_rooms`, `unchanged_rooms` and
+    `multi_rooms` in lowest terms. Every kind counts its rooms from 0; several changes take turns by room number.
     """
     index = np.asarray(index, np.int64)
-    divisor = np.gcd(data.train_rooms, data.unchanged_rooms)
-    changed_rounds, unchanged_rounds = data.train_rooms // divisor, data.unchanged_rooms // divisor
-    block, within = np.divmod(index // ROUND, changed_rounds + unchanged_rounds)
-    changed = within < changed_rounds
-    rest = block * unchanged_rounds + within - changed_rounds
+    counts = np.array([data.train_rooms, data.unchanged_rooms, data.multi_rooms])
+    rounds = counts // np.gcd.reduce(counts)
+    ends = np.cumsum(rounds)
+    block, within = np.divmod(index // ROUND, ends[-1])
+    kind = np.searchsorted(ends, within, side="right")
+    room = block * rounds[kind] + within - (ends - rounds)[kind]
     scenario, condition = np.divmod(index % ROUND, len(CONDITIONS))
-    return Places(scenario, changed, condition, np.where(changed, block * changed_rounds + within, rest))
+    several = SCENES.index(MULTI_SCENARIOS[0]) + room % len(MULTI_SCENARIOS)
+    scene = np.choose(kind, [scenario, SCENES.index(UNCHANGED), several])
+    return Places(scenario, scene, condition, room)
 
 
 def encode(arrays: dict[str, np.ndarray]) -> bytes:

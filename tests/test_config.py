@@ -7,8 +7,22 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from jaxmm import pipeline, runs
-from jaxmm.config import Config, ConfigError, NetworkConfig, load, parse
+from jaxmm import runs, simulator
+from jaxmm.config import (
+    CONDITIONS,
+    MULTI_SCENARIOS,
+    SCENARIOS,
+    SCENES,
+    Config,
+    ConfigError,
+    NetworkConfig,
+    load,
+    parse,
+)
+from jaxmm.shards import MOST_CHANGES
+from warp_scanner import scenarios, scenes
+from warp_scanner.pairs import PRESETS
+from warp_scanner.sensors import OAK_D_PRO, Pinhole, sensor_named
 
 FOLDER = Path(__file__).resolve().parents[1] / "configs"
 SECTIONS = ("data", "scan", "preprocess", "network", "loss", "train", "evaluate")
@@ -27,7 +41,7 @@ def test_an_empty_file_gives_the_thesis_settings():
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_configs_are_valid_and_open_with_how_to_run_them(path):
-    pipeline.load_config(path)
+    simulator.load_config(path)
     opening = path.read_text().partition("\n\n")[0]
     assert opening.startswith("#") and re.search(rf"jaxmm (reproduce|generate) configs/{path.name}", opening)
 
@@ -56,7 +70,7 @@ def test_settings_written_to_a_run_folder_read_back_equal():
         pytest.param("[wat]\nx = 1", ["unknown wat"], id="unknown table"),
         pytest.param("seed = 'a'", ["seed: expected int, got 'a'"], id="text for a number"),
         pytest.param("seed = true", ["seed: expected int, got True"], id="true is no whole number"),
-        pytest.param("[scan]\nrange_noise = true", ["scan: range_noise: expected float"], id="true is no number"),
+        pytest.param("[evaluate]\nthreshold = true", ["threshold: expected float"], id="true is no number"),
         pytest.param(
             "[preprocess]\noutlier_removal = 1", ["outlier_removal: expected bool, got 1"], id="1 is not true"
         ),
@@ -113,6 +127,24 @@ def test_bad_settings_are_refused_in_one_line_that_names_file_and_key(tmp_path, 
         pytest.param("[room]\ndoor_height = {a = 1}", ["room: door_height"], id="a table"),
         pytest.param("[room]\nwall_count_x = [0.5, 1.5]", ["room: wall_count_x"], id="half a wall"),
         pytest.param("[room]\npillar_width = [1.3, 0.3]", ["room", "pillar_width"], id="upside down"),
+        pytest.param("[scan]\nrange_noise = true", ["scan: range_noise"], id="true is no noise"),
+        pytest.param("[scan]\nrange_noise = -1", ["scan: range_noise", "-1"], id="negative noise"),
+        pytest.param("[scan]\nwidth = 0", ["scan: sensor width", "got 0"], id="no pixels"),
+        pytest.param("[scan]\nwidth = 1.5", ["scan: width: expected int, got 1.5"], id="half a pixel"),
+        pytest.param("[scan]\nsensor = 'tls'\nwidth = 64", ["scan: width: expected only with a pinhole"], id="pixels"),
+        pytest.param(
+            "[scan]\npreset = 'house'", ["scan: preset: expected one of thesis, varied, got 'house'"], id="preset"
+        ),
+        pytest.param("[scan]\nsensor = 'kinect'", ["scan: sensor", "oak-d-pro", "got 'kinect'"], id="sensor"),
+        pytest.param("[scan]\nsensor = 3", ["scan: sensor", "got 3"], id="a number for a sensor"),
+        pytest.param(
+            "[scan.sensor]\nkind = 'pinhole'\nwidth = 4", ["scan: sensor: missing height"], id="half a sensor"
+        ),
+        pytest.param("[scan]\nseed = 3", ["scan: unknown seed"], id="the seed has its own place"),
+        pytest.param("[scan]\ntouching = 'ground'", ["scan: touching", "'ground'"], id="touching"),
+        pytest.param("[scan]\ntouching = 3", ["scan: touching", "got 3"], id="a number for a word"),
+        pytest.param("[scan]\nposition_error = [1, 2]", ["scan: position_error"], id="two errors"),
+        pytest.param("scan = 3", ["scan: expected a table, got 3"], id="no scan table"),
         pytest.param("[scan]\nsensor_height = 2.4\n[room]\nsize = [9.0, 9.0, 2.3]", ["sensor_height"], id="no air"),
     ],
 )
@@ -120,10 +152,57 @@ def test_bad_room_settings_are_refused_too(tmp_path, text, words):
     path = tmp_path / "bad.toml"
     path.write_text(text)
     with pytest.raises(ConfigError) as caught:
-        pipeline.load_config(path)
+        simulator.load_config(path)
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
     for word in words:
         assert word in str(caught.value)
+
+
+def test_the_scan_table_sets_preset_sensor_and_every_field_of_a_pair():
+    text = """[scan]
+    preset = "varied"
+    sensor_height = 1.4
+    position_error = 0.02
+    prior_furniture = "moved"
+    [scan.sensor]
+    kind = "spinning"
+    channels = 8
+    azimuth_steps = 90
+    elevation_range = [-20, 20]
+    [scan.sensor.imperfections]
+    noise = 0.02
+    [scan.sensor.imperfections.class_dropout]
+    door = 0.5
+    [room]
+    wall_count_x = [1, 1]
+    """
+    config = parse(text, "some.toml")
+    source = simulator.CloudSource("wall_added", "all_four", "occluded", 5)
+    pair = simulator.pair_config(config, source)
+    start = PRESETS["varied"]
+    assert (pair.seed, pair.scenario, pair.condition) == (5, "all_four", "occluded")
+    assert (pair.sensor_height, pair.position_error, pair.prior_furniture) == (1.4, 0.02, "moved")
+    assert pair.sensor_pitch_spread == start.sensor_pitch_spread  # what the file does not name is the preset's
+    assert pair.room == dataclasses.replace(start.room, wall_count_x=(1, 1))
+    assert pair.sensor.shape == (8, 90) and pair.sensor.imperfections.class_dropout == ((scenes.DOOR, 0.5),)
+    again = parse(tomli_w.dumps(runs.as_table(config)), "again.toml")
+    assert again == config and hash(again) == hash(config)
+
+
+def test_the_default_scan_is_the_thesis_preset():
+    source = simulator.CloudSource("pillar_added", "pillar_added", "clean", 3)
+    assert simulator.pair_config(Config(), source) == dataclasses.replace(PRESETS["thesis"], seed=3)
+    small = parse("[scan]\nwidth = 64\nheight = 40\n", "small.toml")
+    assert simulator.pair_config(small, source).sensor == Pinhole(64, 40, range_limits=OAK_D_PRO.range_limits)
+    real = parse("[scan]\nsensor = 'velodyne-16-real'\n", "real.toml")
+    assert simulator.pair_config(real, source).sensor == sensor_named("velodyne-16-real")
+    assert "noise 0.015" in simulator.errors_of(real) and simulator.errors_of(small) == "none"
+
+
+def test_scenarios_have_the_names_of_the_simulator():
+    assert (SCENARIOS, CONDITIONS) == (scenarios.SCENARIOS, scenarios.CONDITIONS)
+    assert scenarios.MULTI_SCENARIOS == MULTI_SCENARIOS
+    assert all(len(scenarios.PARTS[name]) <= MOST_CHANGES for name in SCENES)
 
 
 def test_an_unreadable_file_is_refused(tmp_path):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from jaxmm import cli, dataset, generate, local_engine, runs, shards
-from jaxmm.config import Config, load
+from jaxmm.config import Config, Table, load
 from jaxmm.generate import Request
 
 SETTINGS = "[data]\ntrain_rooms = 2\nunchanged_rooms = 1\n[scan]\nwidth = 64\nheight = 40\n"
@@ -263,5 +263,5 @@ def test_ctrl_c_is_one_line(config, tmp_path):
 
 def test_large_raw_scans_make_small_shards():
     sizes = [generate._pairs_per_shard(Config(), False), generate._pairs_per_shard(Config(), True)]
-    wide = Config(scan=type(Config().scan)(width=8192, height=8192))
+    wide = Config(scan=Table.of({"width": 8192, "height": 8192}))
     assert sizes == [SIZE, SIZE] and generate._pairs_per_shard(wide, True) == 1

@@ -11,7 +11,8 @@ SIMULATOR = {"warp", "warp_scanner"}
 PEERS = {"torch", "open3d", "embreex"}
 FORBIDDEN = {"warp_scanner": {"jax", "flax", "optax", "jaxmm", "benchmarks", "paper"} | PEERS}
 FORBIDDEN["jaxmm"] = SIMULATOR | {"benchmarks", "paper"} | PEERS
-JOINTS = {"jaxmm/pipeline.py": SIMULATOR, "jaxmm/cli.py": SIMULATOR}  # the only files of jaxmm that know the scanner
+# The only files of jaxmm that know the scanner.
+JOINTS = {f"jaxmm/{name}.py": SIMULATOR for name in ("pipeline", "simulator", "cli")}
 
 
 def imports_of(path: Path) -> set[str]:

@@ -10,14 +10,17 @@ import pytest
 from jaxmm import config as settings
 from jaxmm import pipeline, reproduce, runs, shards
 from jaxmm.batches import LabelledCloud, Sampler
-from jaxmm.config import CONDITIONS, SCENARIOS, Config, ConfigError, DataConfig, ScanConfig
+from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED, Config, ConfigError, DataConfig, Table
 from jaxmm.generate import Request, generate
 from jaxmm.inputs import InputError
 from jaxmm.loading import Host, batches, shard_clouds
-from jaxmm.pipeline import UNCHANGED, CloudSource
+from jaxmm.simulator import MULTI, CloudSource
 
-CONFIG = Config(data=DataConfig(train_rooms=2, unchanged_rooms=1, train_seed=11), scan=ScanConfig(width=96, height=60))
-PAIRS = 24  # every changed room of two, and every unchanged one, of four scenarios in two conditions
+CONFIG = Config(
+    data=DataConfig(train_rooms=2, unchanged_rooms=1, multi_rooms=1, train_seed=11),
+    scan=Table.of({"width": 96, "height": 60}),
+)
+PAIRS = 32  # two changed rooms, an unchanged one and one with several changes, of four scenarios in two conditions
 
 
 def cloud(number, count):
@@ -49,7 +52,11 @@ def rooms():
     return [
         [
             made
-            for scene, count in ((scenario, data.train_rooms), (UNCHANGED, data.unchanged_rooms))
+            for scene, count in (
+                (scenario, data.train_rooms),
+                (UNCHANGED, data.unchanged_rooms),
+                (MULTI, data.multi_rooms),
+            )
             for condition in CONDITIONS
             for made, _ in pipeline.clouds(
                 CONFIG, CloudSource(scenario, scene, condition, data.train_seed), np.arange(count)
@@ -94,7 +101,7 @@ def test_a_host_that_cannot_be_is_refused(host):
 
 def test_clouds_from_shards_equal_those_made_on_the_spot(folder, rooms, tmp_path):
     stored = shard_clouds(CONFIG, folder, tmp_path / "seal.json")
-    assert [len(clouds) for clouds in stored] == [len(clouds) for clouds in rooms] == [6] * 4
+    assert [len(clouds) for clouds in stored] == [len(clouds) for clouds in rooms] == [8] * 4
     for ours, theirs in zip(stored, rooms, strict=True):
         for a, b in zip(ours, theirs, strict=True):
             assert_same(a, b)
@@ -131,7 +138,7 @@ def refused(config, folder, seal, *words):
 
 def test_shards_that_do_not_fit_the_run_are_refused(folder, tmp_path):
     seal = tmp_path / "seal.json"
-    scan = dataclasses.replace(CONFIG, scan=ScanConfig(width=97, height=60))
+    scan = dataclasses.replace(CONFIG, scan=Table.of({"width": 97, "height": 60}))
     refused(scan, folder, seal, folder, "other scan settings")
     seed = dataclasses.replace(CONFIG, data=DataConfig(train_seed=12))
     refused(seed, folder, seal, folder, "train_seed")

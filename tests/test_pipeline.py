@@ -7,14 +7,14 @@ import pytest
 
 from jaxmm import pipeline
 from jaxmm.batches import LabelledCloud
-from jaxmm.config import CONDITIONS, SCENARIOS, Config, DataConfig, PreprocessConfig, ScanConfig, TrainConfig
+from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED, Config, DataConfig, PreprocessConfig, Table, TrainConfig
 from jaxmm.metrics import point_metrics
-from jaxmm.pipeline import UNCHANGED, CloudSource
 from jaxmm.preprocess import nearest_distance, object_filter, voxel_downsample
+from jaxmm.simulator import CloudSource, pair_config
 from warp_scanner.pairs import make_pairs, points_of
 from warp_scanner.scenes import PILLAR, WALL
 
-CONFIG = Config(scan=ScanConfig(width=160, height=100))
+CONFIG = Config(scan=Table.of({"width": 160, "height": 100}))
 ROOMS = 16
 
 
@@ -44,7 +44,7 @@ def rows():
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_a_cloud_depends_on_settings_source_and_room_and_on_nothing_else(noise):
-    config = dataclasses.replace(CONFIG, scan=dataclasses.replace(CONFIG.scan, range_noise=noise))
+    config = dataclasses.replace(CONFIG, scan=Table.of(CONFIG.scan.thawed() | {"range_noise": noise}))
     # Settings of other stages, and a neighbour that is another room, must not matter.
     elsewhere = dataclasses.replace(
         config, seed=5, data=DataConfig(test_rooms=3), train=TrainConfig(step_count=7, methods=("nn",))
@@ -91,7 +91,7 @@ def test_true_labels_lie_on_the_one_changed_element(rows):
 
 def test_the_changed_element_is_what_the_scenario_says():
     for scenario, kind in zip(SCENARIOS, (PILLAR, WALL) * 2, strict=True):
-        pairs = make_pairs(pipeline.pair_config(CONFIG, source(scenario)), np.arange(4))
+        pairs = make_pairs(pair_config(CONFIG, source(scenario)), np.arange(4))
         side, changed, other = (
             (pairs.robot, pairs.changed_robot, pairs.dt)
             if scenario.endswith("added")
@@ -150,7 +150,7 @@ def test_the_cluster_filter_only_takes_labels_away(label_filter):
 def test_preprocessing_does_what_the_settings_say(settings):
     config = dataclasses.replace(CONFIG, preprocess=PreprocessConfig(**settings))
     where = source("pillar_added", "occluded")
-    pairs = make_pairs(pipeline.pair_config(config, where), np.arange(3))
+    pairs = make_pairs(pair_config(config, where), np.arange(3))
     for room, (cloud, _) in enumerate(made(config, where, range(3))):
         size = config.preprocess.voxel_size
         assert len(np.unique(np.floor(cloud.points / size + 0.5), axis=0)) == len(cloud.points)
@@ -165,7 +165,7 @@ def test_preprocessing_does_what_the_settings_say(settings):
 
 def test_many_rooms_at_once_are_preprocessed_as_one_by_one_by_the_reference():
     where = source("pillar_removed", "occluded")
-    pairs = make_pairs(pipeline.pair_config(CONFIG, where), np.arange(5))
+    pairs = make_pairs(pair_config(CONFIG, where), np.arange(5))
     for room, (cloud, _) in enumerate(made(CONFIG, where, range(5))):
         sides = []
         for scan in (pairs.dt, pairs.robot):

@@ -113,3 +113,35 @@ def test_depth_noise_of_the_camera_keeps_to_what_its_maker_states(distance, limi
 def test_rejects_impossible_sensors(settings):
     with pytest.raises(ValueError, match=next(iter(settings)).split("_")[0]):
         Pinhole(**{"width": 4, "height": 3, **settings})
+
+
+@pytest.mark.parametrize("name", ["oak-d-pro-small", "velodyne-16", "ouster-64", "tls"])
+def test_a_sensor_sees_its_own_rays_and_nothing_behind_or_beside_its_view(name):
+    sensor = sensor_named(name)
+    assert sensor.sees(3.0 * sensor.directions()).all()
+    right, left = sensor.azimuths
+    rng = np.random.default_rng(0)
+    toward = rng.standard_normal((20_000, 3))
+    azimuth = np.degrees(np.arctan2(toward[:, 1], toward[:, 0]))
+    seen = sensor.sees(toward)
+    outside = (azimuth < right) | (azimuth > left)
+    assert not seen[outside].any() and outside.any() == (left - right < 360.0)
+    # The share of the sphere that is seen: a pyramid, or a belt between two elevations.
+    if isinstance(sensor, Pinhole):
+        a, b = (np.tan(np.radians(fov) / 2) for fov in (sensor.horizontal_fov, sensor.vertical_fov))
+        share = np.arctan(a * b / np.sqrt(1 + a * a + b * b)) / np.pi
+    else:
+        half = sensor.spacing[0] / 2
+        top, bottom = min(sensor.rows[0] + half, 90.0), sensor.rows[-1] - half
+        share = (np.sin(np.radians(top)) - np.sin(np.radians(bottom))) / 2
+    assert seen.mean() == pytest.approx(share, abs=0.012)
+
+
+def test_resampling_keeps_the_view():
+    for name in ("oak-d-pro", "velodyne-16", "tls"):
+        sensor = sensor_named(name)
+        small = sensor.resampled(32, 20)
+        assert small.shape == (20, 32) and small.azimuths == sensor.azimuths
+        assert small.range_limits == sensor.range_limits
+    assert TLS.resampled(9, 20).rows[[0, -1]].tolist() == TLS.rows[[0, -1]].tolist()
+    assert Spinning(90, elevations=(3.0,)).resampled(9, 20).rows.tolist() == [3.0]

@@ -10,16 +10,27 @@ import safetensors.numpy
 from jaxmm import dataset, pipeline, shards
 from jaxmm.batches import LabelledCloud
 from jaxmm.card import text
-from jaxmm.config import CONDITIONS, SCENARIOS, Config, DataConfig, ScanConfig
+from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, SCENES, UNCHANGED, Config, DataConfig, Table
 from jaxmm.inputs import InputError
-from jaxmm.pipeline import UNCHANGED, CloudSource
 from jaxmm.shards import FIELDS, RAW_FIELDS, Manifest
-from warp_scanner import scenes
+from jaxmm.simulator import MULTI, CloudSource, pair_config, scene_of
+from warp_scanner import scenarios, scenes
 from warp_scanner.pairs import make_pairs, points_of
+from warp_scanner.scenes import PILLAR, WALL
 from warp_scanner.sensors import Pose
 
-CONFIG = Config(data=DataConfig(train_rooms=2, unchanged_rooms=1, train_seed=4), scan=ScanConfig(width=80, height=50))
-PAIRS = 24
+CONFIG = Config(
+    data=DataConfig(train_rooms=2, unchanged_rooms=1, multi_rooms=1, train_seed=4),
+    scan=Table.of({"width": 80, "height": 50}),
+)
+PAIRS = 32  # two rounds of changes, one without and one with several
+
+
+def is_sought(mapped, pair, scenario):
+    """Which of the changed objects are those that a scenario's model looks for."""
+    kind, change = scenario.split("_")
+    wanted = {"pillar": PILLAR, "wall": WALL}[kind], {"added": 1, "removed": -1}[change]
+    return (mapped["box_type"][pair] == wanted[0]) & (mapped["box_change"][pair] == wanted[1])
 
 
 def written(folder, content, raw, span=(0, PAIRS)):
@@ -40,17 +51,21 @@ def mapped(raw_shard, tmp_path):
     return shards.map_shard(tmp_path, 0, written(tmp_path, raw_shard, True), True)
 
 
-@pytest.mark.parametrize("rooms, unchanged", [(96, 24), (5, 3), (7, 0), (1, 1), (2, 9)])
-def test_every_pair_has_a_place_of_its_own_and_rooms_are_counted_without_gaps(rooms, unchanged):
-    data = DataConfig(train_rooms=rooms, unchanged_rooms=unchanged)
-    total = 8 * (rooms + unchanged)
+@pytest.mark.parametrize("rooms, unchanged, multi", [(96, 24, 0), (5, 3, 11), (7, 0, 2), (1, 1, 1), (2, 9, 0)])
+def test_every_pair_has_a_place_of_its_own_and_rooms_are_counted_without_gaps(rooms, unchanged, multi):
+    data = DataConfig(train_rooms=rooms, unchanged_rooms=unchanged, multi_rooms=multi)
+    total = 8 * (rooms + unchanged + multi)
     places = shards.places(data, np.arange(3 * total))
     assert len(set(zip(*(field.tolist() for field in places), strict=True))) == 3 * total
-    for changed, count in ((True, 3 * rooms), (False, 3 * unchanged)):
+    own, none = places.scene == places.scenario, places.scene == SCENES.index(UNCHANGED)
+    for kind, count in ((own, 3 * rooms), (none, 3 * unchanged), (~own & ~none, 3 * multi)):
         for scenario in range(4):
             for condition in range(2):
-                chosen = (places.changed == changed) & (places.scenario == scenario) & (places.condition == condition)
+                chosen = kind & (places.scenario == scenario) & (places.condition == condition)
                 assert places.room[chosen].tolist() == list(range(count))
+    several = np.flatnonzero(~own & ~none)
+    for i in several[:: max(1, len(several) // 50)]:
+        assert SCENES[places.scene[i]] == scene_of(MULTI, int(places.room[i])) in MULTI_SCENARIOS
     # Any start: a place is a function of its number alone.
     for start in (0, 17, 10**12):
         for name, a, b in zip(
@@ -63,28 +78,51 @@ def test_every_pair_has_a_place_of_its_own_and_rooms_are_counted_without_gaps(ro
 def test_the_mix_follows_the_ratio_all_along():
     places = shards.places(DataConfig(train_rooms=96, unchanged_rooms=24), np.arange(4000))
     for start in range(0, 4000, 40):
-        assert Counter(places.changed[start : start + 40].tolist()) == {True: 32, False: 8}
+        own = places.scene[start : start + 40] == places.scenario[start : start + 40]
+        assert Counter(own.tolist()) == {True: 32, False: 8}
 
 
 def test_a_shard_holds_what_the_pipeline_makes_of_each_pair(mapped):
     places = shards.places(CONFIG.data, np.arange(PAIRS))
     for i in range(PAIRS):
         scenario, condition = SCENARIOS[places.scenario[i]], CONDITIONS[places.condition[i]]
-        scene = scenario if places.changed[i] else UNCHANGED
-        source = CloudSource(scenario, scene, condition, CONFIG.data.train_seed)
+        source = CloudSource(scenario, SCENES[places.scene[i]], condition, CONFIG.data.train_seed)
         ((cloud, truth),) = pipeline.clouds(CONFIG, source, places.room[i : i + 1])
         rows = slice(*mapped["offset"][i : i + 2])
         for name, field in zip(LabelledCloud._fields, cloud, strict=True):
             np.testing.assert_array_equal(mapped[name][rows], field, err_msg=f"{i} {name}")
-        np.testing.assert_array_equal(mapped["observable_fraction"][i], np.float32(truth.observable_fraction))
-        np.testing.assert_array_equal(mapped["box_center"][i], truth.box.center)
-        np.testing.assert_array_equal(mapped["box_size"][i], truth.box.dimensions)
-        np.testing.assert_array_equal(mapped["box_yaw"][i], np.float32(truth.box.rotation))
+        sought = np.flatnonzero(is_sought(mapped, i, scenario))
+        first = sought[0] if len(sought) else shards.MOST_CHANGES - 1  # the last of all is never filled here
+        np.testing.assert_array_equal(mapped["observable_fraction"][i, first], np.float32(truth.observable_fraction))
+        np.testing.assert_array_equal(mapped["box_center"][i, first], truth.box.center)
+        np.testing.assert_array_equal(mapped["box_size"][i, first], truth.box.dimensions)
+        np.testing.assert_array_equal(mapped["box_yaw"][i, first], np.float32(truth.box.rotation))
+        # What is true of the points follows from what is told of the objects.
+        expected = np.isin(mapped["element"][rows], mapped["box_element"][i][sought])
+        np.testing.assert_array_equal(mapped["true"][rows], expected)
         assert [mapped[name][i] for name in ("index", *places._fields)] == [i, *(field[i] for field in places)]
-        pairs = make_pairs(pipeline.pair_config(CONFIG, source), places.room[i : i + 1])
+        pairs = make_pairs(pair_config(CONFIG, source), places.room[i : i + 1])
         for side in ("dt", "robot"):
             for name, field in getattr(pairs, side)._asdict().items():
                 np.testing.assert_array_equal(mapped[f"{side}_{name}"][i], field[0])
+
+
+def test_every_changed_object_of_a_pair_is_told_of(mapped):
+    for i in range(PAIRS):
+        parts = scenarios.PARTS[SCENES[mapped["scene"][i]]]
+        there = mapped["box_change"][i] != 0
+        least = sum(not part.optional for part in parts)
+        assert least <= there.sum() <= len(parts)
+        told = {"change": "box_change", "semantic": "box_type"}
+        for name, field in told.items():
+            assert [getattr(part, name) for part, here in zip(parts, there, strict=False) if here] == (
+                mapped[field][i][there].tolist()
+            )
+        for name, gap in (("box_type", 0), ("box_element", -1), ("box_moved_from", -1)):
+            assert np.all(mapped[name][i][~there] == gap)
+        for name in ("box_center", "box_size", "box_yaw", "observable_fraction"):
+            assert np.isnan(mapped[name][i][~there]).all() and np.isfinite(mapped[name][i][there]).all()
+    assert (mapped["box_change"] != 0).sum(axis=1).max() > 1
 
 
 def test_clouds_are_points_of_the_raw_scans(mapped):
@@ -99,7 +137,7 @@ def test_clouds_are_points_of_the_raw_scans(mapped):
         assert all(point.tobytes() in seen for point in mapped["points"][start:end])
 
 
-@pytest.mark.parametrize("cut", [1, 5, 8, 16, 23])
+@pytest.mark.parametrize("cut", [1, 8, 19, 31])
 def test_a_pair_does_not_depend_on_the_others_of_its_shard(cut, mapped, tmp_path):
     content = dataset.make_shard(CONFIG, True, cut, PAIRS)
     part = shards.map_shard(tmp_path / "part", 0, written(tmp_path / "part", content, True, (cut, PAIRS)), True)
@@ -129,7 +167,7 @@ def test_the_card_tells_how_to_map_a_field_with_numpy_alone(raw_shard, tmp_path)
         assert told["dtype"] == field.dtype and (8 + length + told["data_offsets"][0]) % dtype.itemsize == 0
         array = np.memmap(path, dtype, "r", 8 + length + told["data_offsets"][0], tuple(told["shape"]))
         np.testing.assert_array_equal(array, safetensors.numpy.load(raw_shard)[name], err_msg=name)
-        sizes = {"n": PAIRS, "n+1": PAIRS + 1, "P": header["points"]["shape"][0], "R": 4000}
+        sizes = {"n": PAIRS, "n+1": PAIRS + 1, "P": header["points"]["shape"][0], "R": 4000, "M": shards.MOST_CHANGES}
         assert told["shape"] == [sizes.get(size, size) for size in field.shape]
 
 
@@ -143,7 +181,7 @@ def test_clouds_without_points_keep_their_truth(monkeypatch, tmp_path):
     entry = written(tmp_path, dataset.make_shard(CONFIG, False, 0, 3), False, (0, 3))
     arrays = shards.map_shard(tmp_path, 0, entry, False)
     assert arrays["points"].shape == (0, 3) and arrays["offset"].tolist() == [0] * 4 and entry.points == 0
-    assert np.isfinite(arrays["box_size"]).all()
+    assert np.isfinite(arrays["box_size"][:, 0]).all()
 
 
 def refused(call, *words):
@@ -203,7 +241,7 @@ def test_a_manifest_comes_back_as_it_went_whatever_the_order_of_its_shards(tmp_p
     "change, word",
     [
         pytest.param({"format": "x"}, "something else", id="other format"),
-        pytest.param({"format_version": 2}, "version 1", id="later version"),
+        pytest.param({"format_version": 3}, "version 2", id="later version"),
         pytest.param({"shards": None}, "damaged", id="no list"),
         pytest.param({"shards": [{"file": "a"}]}, "damaged", id="half an entry"),
         pytest.param({"shards": [listed(1).shards[1]._asdict() | {"file": "../../secret"}]}, "place", id="other file"),
@@ -230,8 +268,8 @@ def test_class_ids_are_those_of_the_scanner():
 
 @pytest.mark.parametrize("raw", [False, True])
 def test_the_card_names_every_field_and_no_other(raw):
-    config = {"data": {"train_seed": 4, "train_rooms": 2, "unchanged_rooms": 1}, "scan": {"range_noise": 0.01}}
-    card = text(MANIFEST._replace(raw=raw, config=config))
+    config = {"data": {"train_seed": 4, "train_rooms": 2, "unchanged_rooms": 1, "multi_rooms": 0}}
+    card = text(MANIFEST._replace(raw=raw, config=config), "noise 0.01")
     rows = {line.split("`")[1] for line in card.splitlines() if line.startswith("| `")}
     assert rows == set(FIELDS | RAW_FIELDS if raw else FIELDS)
-    assert "{" not in card and "0.01 m" in card and "2 : 1" in card
+    assert "{" not in card and "noise 0.01" in card and "2 : 1 : 0" in card

@@ -54,7 +54,7 @@ class Ranges(NamedTuple):
     rotation: tuple[float, float]  # to either side
     gap: float  # least gap to everything else
     sensor_gap: float
-    horizontal_fov: float  # [deg] of the view that the centre lies in
+    azimuths: tuple[float, float]  # [deg] right and left edge of the view that the centre lies in
     touching: str  # one of TOUCHING: what the ends of walls may touch instead
     places: int  # tried
 
@@ -110,7 +110,8 @@ def _shapes(part: Part, ranges: Ranges, room: Room, suffix: str) -> tuple[Footpr
     """N objects each whose centres lie in unobstructed view, and their kinds."""
     key, tries = room.key, ranges.places
     spread = draws.uniform(key, f"change angle{suffix}", tries) - 0.5
-    angle = np.radians(room.pose.yaw[:, None] + ranges.horizontal_fov * spread)
+    right, left = ranges.azimuths
+    angle = np.radians(room.pose.yaw[:, None] + (right + left) / 2 + (left - right) * spread)
     heading = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
     sight, _ = cast_slots(
         room.primitives, scenes.is_structure(room.primitives), Rays(room.pose.position, heading), threads=1

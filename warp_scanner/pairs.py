@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_scanner import draws
-from warp_scanner.pinhole import cast_image, cast_image_slots
 from warp_scanner.rooms import THESIS, VARIED, RoomConfig
 from warp_scanner.scan import Rays, Scan, cast_slots
 from warp_scanner.scenarios import SceneConfig, Scenes, TrueBox, make_scenes
-from warp_scanner.sensors import OAK_D_PRO_SMALL, Pinhole, Pose, Standing, add_range_noise, rotation_of
+from warp_scanner.sense import cast, cast_which, measured, rays_of, within_reach
+from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing, rotation_of
 
 _SCENES_AT_ONCE = 64  # scenes are drawn together, so that few of them wait for the last
-_SCANS_AT_ONCE = 16  # bounds the memory of what is only needed on the way
+_RAYS_AT_ONCE = 2**20  # bounds the memory of what is only needed on the way
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,10 +29,10 @@ class PairConfig:
     scenario: str = "pillar_added"  # one of scenarios.SCENARIOS or MULTI_SCENARIOS, or "unchanged"
     condition: str = "clean"  # or "occluded"
     room: RoomConfig = RoomConfig()
-    sensor: Pinhole = OAK_D_PRO_SMALL
+    sensor: Sensor = OAK_D_PRO_SMALL  # errs in the robot scan only; the DT scan shares its reach
     sensor_height: float = 1.0  # above the floor
     sensor_gap: float = 0.3  # least distance from the sensor to anything that stands in the room
-    range_noise: float = 0.0  # standard deviation of the robot's ranges; the DT scan has none
+    range_noise: float = 0.0  # standard deviation of the robot's ranges, on top of the sensor's own
     testable_margin: float = 0.1  # ranges must differ by more than this to tell prior and reality apart
     furniture_share: float = 0.05  # least share of rays that hit furniture in the occluded scene
     sensor_height_spread: float = 0.0  # the height is drawn up to this above or below
@@ -69,13 +69,21 @@ class PairConfig:
                 self.sensor_gap,
                 pitch=(-self.sensor_pitch_spread, self.sensor_pitch_spread),
             ),
-            horizontal_fov=self.sensor.horizontal_fov,
-            vertical_fov=self.sensor.vertical_fov,
+            sensor=self.sensor,
             furniture_share=self.furniture_share,
             mismatch_rotation=self.mismatch_rotation,
             touching=self.touching,
             prior_furniture=self.prior_furniture,
         )
+
+    @property
+    def robot_sensor(self) -> Sensor:
+        """The sensor with all of its noise."""
+        if self.range_noise == 0.0:
+            return self.sensor
+        errors = self.sensor.imperfections
+        noise = float(np.hypot(errors.noise, self.range_noise))
+        return dataclasses.replace(self.sensor, imperfections=dataclasses.replace(errors, noise=noise))
 
 
 PRESETS = {
@@ -93,9 +101,11 @@ PRESETS = {
 class Pairs(NamedTuple):
     """A DT scan and a robot scan of each of R rooms with the truth about every ray; M changed objects, with gaps.
 
-    Without a pose error both scans share their rays. With one, testability is still of the noise-free geometry as the
-    robot's true place shows it: a robot ray is compared with the prior along itself, a DT point with reality along the
-    ray from the true place to the point, if that ray lies in the true field of view.
+    The truth is that of the robot scan before its sensor erred, but for what is out of the sensor's reach: a ray
+    without a return tells nothing, so no DT point is testable by it. Without a pose error both scans share their rays.
+    With one, testability is still of the noise-free geometry as the robot's true place shows it: a robot ray is
+    compared with the prior along itself, a DT point with reality along the ray from the true place to the point, if
+    that ray lies in the true field of view.
     """
 
     pose: Pose  # of the DT scan, and where the robot is believed to be
@@ -104,7 +114,7 @@ class Pairs(NamedTuple):
     robot: Scan  # of reality, (R, P), from `true_pose`, ranges with noise
     changed_dt: np.ndarray  # (R, P) bool: the ray hits a removed element in the prior
     changed_robot: np.ndarray  # (R, P) bool: the ray hits an added element in reality
-    testable_dt: np.ndarray  # (R, P) bool: reality goes on past the prior's point by more than the margin
+    testable_dt: np.ndarray  # (R, P) bool: reality returns from behind the prior's point by more than the margin
     testable_robot: np.ndarray  # (R, P) bool: reality ends in front of the prior by more than the margin
     observable_fraction: np.ndarray  # (R, M) float32: testable rays of a changed object / rays that hit it alone; NaN
     box: TrueBox  # of the changed objects, (R, M)
@@ -147,7 +157,8 @@ def points_of(pose: Pose, directions: np.ndarray, distance: np.ndarray) -> np.nd
 def _make_pairs(config: PairConfig, index: np.ndarray, threads: int) -> list[Pairs]:
     scenes = make_scenes(config.scene, config.seed, index, threads)
     directions = config.sensor.directions()
-    parts = [slice(start, start + _SCANS_AT_ONCE) for start in range(0, max(len(index), 1), _SCANS_AT_ONCE)]
+    at_once = max(1, _RAYS_AT_ONCE // len(directions))
+    parts = [slice(start, start + at_once) for start in range(0, max(len(index), 1), at_once)]
     return [_scanned(config, _rows(scenes, part), (index[part], directions), threads) for part in parts]
 
 
@@ -162,27 +173,23 @@ def _scanned(config: PairConfig, scenes: Scenes, which: tuple[np.ndarray, np.nda
     """Both scans of some scenes, given their room numbers and the sensor's directions."""
     index, directions = which
     true_pose = _true_pose(config, scenes.pose, index)
-    dt = cast_image(scenes.primitives, scenes.in_prior, config.sensor, scenes.pose, threads)
-    robot = cast_image(scenes.primitives, scenes.in_real, config.sensor, true_pose, threads)
+    prior, reality = (scenes.primitives, scenes.in_prior), (scenes.primitives, scenes.in_real)
+    endless = cast(*prior, config.sensor, scenes.pose, threads)
+    dt = within_reach(endless, config.sensor)
+    robot = within_reach(cast(*reality, config.sensor, true_pose, threads), config.sensor)
     changed_dt = _hits(scenes, dt, -1)
     changed_robot = _hits(scenes, robot, 1)
 
-    # Misses are infinitely far: a ray that hits nothing passed everything, and inf > inf is False.
+    # Misses are infinitely far, and inf < inf is False. The prior's range is known however far it is.
     margin = np.float32(config.testable_margin)
     if true_pose is scenes.pose:
-        testable_dt = dt.distance + margin < robot.distance
-        testable_robot = robot.distance + margin < dt.distance
+        reach, beyond, expected = dt.distance, robot.distance, endless.distance
     else:
-        assumed, true = (
-            Rays(pose.position, directions, rotation_of(pose.yaw, pose.pitch)) for pose in (scenes.pose, true_pose)
-        )
-        reach, beyond = _seen_from(config, scenes, (dt, assumed, true), threads)
-        testable_dt = reach + margin < beyond
-        expected, _ = cast_image_slots(scenes.primitives, scenes.in_prior, config.sensor, true_pose, threads)
-        testable_robot = robot.distance + margin < expected
-    testable = (testable_dt, testable_robot)
+        reach, beyond = _seen_from(config, scenes, (dt, true_pose), threads)
+        expected, _ = cast_which(*prior, config.sensor, true_pose, threads)
+    testable = ((reach + margin < beyond) & (beyond < np.inf), robot.distance + margin < expected)
     fraction = _observable(config, scenes, ((dt, scenes.pose), (robot, true_pose), testable), threads)
-    noisy = robot._replace(distance=add_range_noise(robot.distance, config.range_noise, config.seed, index))
+    noisy = measured(robot, reality, (config.robot_sensor, true_pose), (config.seed, index), threads)
     return Pairs(
         scenes.pose, directions, dt, noisy, changed_dt, changed_robot, *testable, fraction, scenes.box, true_pose,
         scenes.size,
@@ -213,19 +220,23 @@ def _hits(scenes: Scenes, scan: Scan, change: int) -> np.ndarray:
 
 
 def _seen_from(
-    config: PairConfig, scenes: Scenes, scans: tuple[Scan, Rays, Rays], threads: int
+    config: PairConfig, scenes: Scenes, seen: tuple[Scan, Pose], threads: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """From the true place: the distance to each DT point, inf outside the field of view, and how far reality goes."""
-    dt, assumed, true = scans
+    """From the true place: the distance to each DT point, inf outside the field of view, and how far reality goes.
+
+    Where reality is out of the sensor's reach, it goes infinitely far.
+    """
+    dt, true_pose = seen
+    assumed, true = (rays_of(config.sensor, pose) for pose in (scenes.pose, true_pose))
     there = np.isfinite(dt.distance)
     ray = assumed.direction[None] @ assumed.rotation.transpose(0, 2, 1)
     offset = assumed.origin[:, None] + np.where(there, dt.distance, 1.0)[..., None] * ray - true.origin[:, None]
     reach = np.linalg.norm(offset, axis=-1)
     toward = offset / reach[..., None]
     beyond, _ = cast_slots(scenes.primitives, scenes.in_real, Rays(true.origin, toward.astype(np.float32)), threads)
-    x, y, z = np.moveaxis(toward @ true.rotation, -1, 0)
-    wide, high = (np.tan(np.radians(fov) / 2) for fov in (config.sensor.horizontal_fov, config.sensor.vertical_fov))
-    seen = there & (x > 0) & (np.abs(y) <= wide * x) & (np.abs(z) <= high * x)
+    seen = there & config.sensor.sees(toward @ true.rotation)
+    low, high = config.sensor.range_limits
+    beyond = np.where((beyond >= low) & (beyond <= high), beyond, np.float32(np.inf))
     return np.where(seen, reach, np.inf).astype(np.float32), beyond
 
 
@@ -243,8 +254,9 @@ def _observable(config: PairConfig, scenes: Scenes, sides: tuple, threads: int) 
         removed = bool(np.any(scenes.box.change[:, part] < 0))  # the same in all rooms of a scenario
         (scan, pose), told = (dt, testable[0]) if removed else (robot, testable[1])
         found = np.sum((scan.element == scenes.box.element[:, part, None]) & told, axis=1)
-        _, slot = cast_image_slots(scenes.primitives, alone, config.sensor, pose, threads)
-        hits = np.maximum(np.sum(slot >= 0, axis=1), 1)
+        distance, _ = cast_which(scenes.primitives, alone, config.sensor, pose, threads)
+        low, high = config.sensor.range_limits
+        hits = np.maximum(np.sum((distance >= low) & (distance <= high) & (distance < np.inf), axis=1), 1)
         fraction[:, part] = np.where(scenes.box.change[:, part] != 0, found / hits, np.nan)
     return fraction
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from warp_scanner import draws, rooms, scenes
 from warp_scanner.changes import ADDED, PARTS, REMOVED, TOUCHING, Part, Ranges, Room, place_parts
-from warp_scanner.pinhole import cast_image_slots
 from warp_scanner.rooms import RoomConfig
 from warp_scanner.scenes import GAP, Primitives
-from warp_scanner.sensors import Pinhole, Pose, Standing, draw_poses
+from warp_scanner.sense import cast_which
+from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing, draw_poses
 
 SCENARIOS = ("pillar_added", "wall_added", "pillar_removed", "wall_removed")
 MULTI_SCENARIOS = tuple(name for name in PARTS if name not in (*SCENARIOS, "unchanged"))
@@ -22,6 +22,7 @@ CONDITIONS = ("clean", "occluded")
 
 _ATTEMPT_LIMIT = 2000
 _AHEAD = 8  # attempts at once, at most
+_GRID = (320, 200)  # columns and rows
 _COARSE = 4  # the preview casts every 4th column and row of the grid that counts
 
 
@@ -33,8 +34,7 @@ class SceneConfig:
     condition: str = "clean"  # "clean": no furniture; "occluded": with it
     room: RoomConfig = RoomConfig()
     standing: Standing = Standing()
-    horizontal_fov: float = 80.0  # [deg] of the sensor that has to see the changed object
-    vertical_fov: float = 55.0
+    sensor: Sensor = OAK_D_PRO_SMALL  # its view, not its rays, has to hold the changed object
     pillar_width: tuple[float, float] = (0.3, 1.3)  # of the changed object
     wall_length: tuple[float, float] = (1.5, 4.5)
     wall_thickness: tuple[float, float] = (0.1, 0.3)
@@ -74,12 +74,18 @@ class SceneConfig:
     def ranges(self) -> Ranges:
         """What the changed objects are drawn from."""
         sizes = (self.pillar_width, self.wall_length, self.wall_thickness, self.mismatch_rotation)
-        return Ranges(*sizes, self.mismatch_gap, self.standing.gap, self.horizontal_fov, self.touching, self.places)
+        return Ranges(*sizes, self.mismatch_gap, self.standing.gap, self.sensor.azimuths, self.touching, self.places)
 
     @property
-    def grid(self) -> Pinhole:
-        """The 320 x 200 grid that `minimum_rays` counts on."""
-        return Pinhole(320, 200, self.horizontal_fov, self.vertical_fov)
+    def grid(self) -> Sensor:
+        """The sensor with the 320 x 200 rays that `minimum_rays` counts on."""
+        return self.sensor.resampled(*_GRID)
+
+    @property
+    def least_rays(self) -> int:
+        """`minimum_rays` for the rays that the grid really has: a sensor of one channel has one row."""
+        rows, columns = self.grid.shape
+        return max(1, self.minimum_rays * rows * columns // (_GRID[0] * _GRID[1]))
 
 
 class TrueBox(NamedTuple):
@@ -207,16 +213,15 @@ def _has_furniture_in_view(config: SceneConfig, primitives: Primitives, pose: Po
 
     Asked of clean scenes too, because the two conditions share room, pose and changed objects.
     """
-    grid = config.grid
-    preview = dataclasses.replace(grid, width=grid.width // _COARSE, height=grid.height // _COARSE)
+    preview = config.sensor.resampled(*(count // _COARSE for count in _GRID))
     structure = scenes.is_structure(primitives)
     furniture = ~structure & _columns(config, primitives)
-    _, slot = cast_image_slots(primitives, structure | furniture, preview, pose, threads)
+    _, slot = cast_which(primitives, structure | furniture, preview, pose, threads)
     hit = (slot >= 0) & np.take_along_axis(furniture, np.maximum(slot, 0), 1)
     enough = hit.mean(axis=1) >= config.furniture_share
     if not config.parts:
         return enough
-    _, slot = cast_image_slots(primitives, structure, preview, pose, threads)
+    _, slot = cast_which(primitives, structure, preview, pose, threads)
     return enough & _all_seen(config, primitives, slot, 1)
 
 
@@ -240,5 +245,5 @@ def _shows_the_change(config: SceneConfig, primitives: Primitives, pose: Pose, t
     """(R,) bool: enough rays hit each changed object in the clean scene that contains them all."""
     if not config.parts or len(primitives.kind) == 0:
         return np.ones(len(primitives.kind), bool)
-    _, slot = cast_image_slots(primitives, scenes.is_structure(primitives), config.grid, pose, threads)
-    return _all_seen(config, primitives, slot, config.minimum_rays)
+    _, slot = cast_which(primitives, scenes.is_structure(primitives), config.grid, pose, threads)
+    return _all_seen(config, primitives, slot, config.least_rays)

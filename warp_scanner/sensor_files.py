@@ -37,10 +37,15 @@ def read(path: Path, kinds: dict[str, type]) -> Any:
         values = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # numbers of too many digits, and lists nested too deeply
         raise ValueError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from error
-    kind = values.pop("kind", None)
+    return parse(values, kinds, str(path))
+
+
+def parse(values: dict[str, Any], kinds: dict[str, type], where: str) -> Any:
+    """As `read`, from a table that was read already; `where` opens the messages of errors."""
+    kind = values.get("kind")
     if not isinstance(kind, str) or kind not in kinds:
-        raise ValueError(f"{path}: kind must be one of {', '.join(kinds)}, got {kind!r}")
-    return _build(kinds[kind], values, str(path), "")
+        raise ValueError(f"{where}: kind must be one of {', '.join(kinds)}, got {kind!r}")
+    return _build(kinds[kind], {key: value for key, value in values.items() if key != "kind"}, where, "")
 
 
 def _build(kind: type, values: dict[str, Any], path: str, section: str) -> Any:
@@ -72,7 +77,7 @@ def _typed(kind: Any, value: Any, path: str, key: str) -> Any:
         return tuple(sorted(pairs))
     if inner:
         any_count = inner[-1] is ...
-        if not isinstance(value, list) or not (any_count or len(value) == len(inner)):
+        if not isinstance(value, list | tuple) or not (any_count or len(value) == len(inner)):
             expected = "numbers" if any_count else f"{len(inner)} numbers"
             raise ValueError(f"{where}: expected a list of {expected}, got {value!r}")
         return tuple(_typed(inner[0], item, path, key) for item in value)

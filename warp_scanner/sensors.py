@@ -6,6 +6,7 @@ looking forward. P rays.
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,6 +57,21 @@ class Pinhole:
     def full_turn(self) -> bool:
         """Whether the last column is next to the first: never."""
         return False
+
+    @property
+    def azimuths(self) -> tuple[float, float]:
+        """Right and left edge of the view [deg], counter-clockwise from forward."""
+        return -self.horizontal_fov / 2, self.horizontal_fov / 2
+
+    def resampled(self, columns: int, rows: int) -> "Pinhole":
+        """The same view in another number of pixels."""
+        return dataclasses.replace(self, width=columns, height=rows)
+
+    def sees(self, toward: np.ndarray) -> np.ndarray:
+        """(...) bool: whether directions (..., 3) in the sensor frame, of any length, lie in the view."""
+        x, y, z = np.moveaxis(toward, -1, 0)
+        wide, high = (np.tan(np.radians(fov) / 2) for fov in (self.horizontal_fov, self.vertical_fov))
+        return (x > 0) & (np.abs(y) <= wide * x) & (np.abs(z) <= high * x)
 
     def directions(self) -> np.ndarray:
         """Unit ray directions (P, 3) float32 in the sensor frame."""
@@ -123,6 +139,29 @@ class Spinning:
         """Whether the last column is next to the first."""
         return self.azimuth_range[1] - self.azimuth_range[0] == 360.0
 
+    @property
+    def azimuths(self) -> tuple[float, float]:
+        """Right and left edge of the view [deg], counter-clockwise from forward."""
+        return self.azimuth_range
+
+    def resampled(self, columns: int, rows: int) -> "Spinning":
+        """The same view in another number of rays, evenly spaced; a lone channel stays alone."""
+        low, high = float(self.rows[-1]), float(self.rows[0])
+        channels = rows if low < high else 1
+        ends = (low, high)
+        return dataclasses.replace(self, azimuth_steps=columns, channels=channels, elevation_range=ends, elevations=())
+
+    def sees(self, toward: np.ndarray) -> np.ndarray:
+        """(...) bool: whether directions (..., 3) in the sensor frame, of any length, lie in the view.
+
+        Half a row and half a column around the outermost rays still count, as each ray stands for that much.
+        """
+        x, y, z = np.moveaxis(toward, -1, 0)
+        right, left = self.azimuth_range
+        turn = np.mod(np.degrees(np.arctan2(y, x)) - right, 360.0)
+        elevation, half = np.degrees(np.arctan2(z, np.hypot(x, y))), self.spacing[0] / 2
+        return (turn <= left - right) & (elevation >= self.rows[-1] - half) & (elevation <= self.rows[0] + half)
+
     def directions(self) -> np.ndarray:
         """Unit ray directions (P, 3) float32 in the sensor frame."""
         right, left = np.radians(self.azimuth_range)
@@ -134,6 +173,7 @@ class Spinning:
 
 
 Sensor = Pinhole | Spinning
+KINDS: dict[str, type] = {"pinhole": Pinhole, "spinning": Spinning}  # as sensor files name them
 
 
 def _check_counts(sensor: Sensor, *names: str) -> None:
@@ -208,4 +248,13 @@ def sensor_named(name: str | Path) -> Sensor:
         return PRESETS[str(name)]
     if not Path(name).is_file():
         raise ValueError(f"{name}: expected a sensor file or one of {', '.join(PRESETS)}")
-    return sensor_files.read(Path(name), {"pinhole": Pinhole, "spinning": Spinning})
+    return sensor_files.read(Path(name), KINDS)
+
+
+def sensor_of(table: dict[str, Any], where: str) -> Sensor:
+    """A sensor from a table as sensor files hold it; `where` opens the messages of errors.
+
+    Raises:
+        ValueError: as `sensor_named`.
+    """
+    return sensor_files.parse(table, KINDS, where)
