@@ -6,7 +6,8 @@ from itertools import islice
 
 import numpy as np
 
-from warp_scanner.pairs import PairConfig, make_pairs, points_of
+from warp_scanner.pairs import PairConfig, make_pairs
+from warp_scanner.points import points_of
 from warp_scanner.voxels import thin_clouds
 
 NOISE = 0.005  # [m] of the robot's ranges

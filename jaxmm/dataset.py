@@ -35,11 +35,12 @@ def make_shard(config: Config, raw: bool, first: int, stop: int) -> bytes:
         source = CloudSource("", SCENES[kind[0]], CONDITIONS[kind[1]], config.data.train_seed)
         pairs = pipeline.pairs_of(config, source, rooms, threads=1)  # engines share out shards, not rays
         directions = pairs.directions
+        sides = pipeline.sides_of(config, pairs, threads=1)
         truths = [_truth(pairs, row) | (_raw_scans(pairs, row) if raw else {}) for row in range(len(rooms))]
         for scenario in np.unique(places.scenario[rows]):
             chosen = places.scenario[rows] == scenario
             model = source._replace(scenario=SCENARIOS[scenario])
-            clouds = pipeline.clouds_of(config, model, pairs, threads=1)
+            clouds = pipeline.clouds_of(config, model, pairs, 1, sides)
             for place, room in zip(rows[chosen], number[chosen], strict=True):
                 made[place] = clouds[room], truths[room]
     told = {"index": index} | {name: getattr(places, name) for name in places._fields}

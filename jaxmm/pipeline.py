@@ -14,10 +14,12 @@ from jaxmm.evaluate import RoomTruth
 from jaxmm.files import REMEDY, load_arrays, write_arrays
 from jaxmm.inputs import InputError
 from jaxmm.labels import filter_labels, heuristic_labels
-from jaxmm.preprocess import object_filter, outlier_mask, structural_filter
+from jaxmm.preprocess import FLOOR_TOLERANCE, object_filter, outlier_mask, structural_filter
 from jaxmm.simulator import CloudSource, pair_config, ray_count, scene_of
 from warp_scanner.neighbours import nearest
-from warp_scanner.pairs import Pairs, make_pairs, points_of
+from warp_scanner.pairs import Pairs, make_pairs
+from warp_scanner.points import Kept, points_of, tall_points
+from warp_scanner.poses import Pose
 from warp_scanner.scan import Scan
 from warp_scanner.scenes import PILLAR, STRUCTURE, WALL
 from warp_scanner.voxels import thin_clouds
@@ -47,60 +49,77 @@ def pairs_of(config: Config, source: CloudSource, index: np.ndarray, threads: in
     return make_pairs(pair_config(config, source), index, threads)
 
 
-def clouds_of(config: Config, source: CloudSource, pairs: Pairs, threads: int | None = None) -> list[LabelledCloud]:
-    """Preprocess both scans of every pair and label the side that the scenario's model sees.
+class Sides(NamedTuple):
+    """Both scans of R pairs after preprocessing."""
+
+    dt: list[Kept]
+    robot: list[Kept]
+
+
+def sides_of(config: Config, pairs: Pairs, threads: int | None = None) -> Sides:
+    """Preprocess both scans of every pair.
+
+    Args:
+        config: how.
+        pairs: scans of R rooms.
+        threads: how many to use; by default as many as the machine has cores.
+    """
+    return Sides(*(_preprocessed(config, pairs, scan, threads) for scan in (pairs.dt, pairs.robot)))
+
+
+def clouds_of(
+    config: Config, source: CloudSource, pairs: Pairs, threads: int | None = None, sides: Sides | None = None
+) -> list[LabelledCloud]:
+    """Label the side of every pair that the scenario's model sees.
 
     Args:
         config: how to preprocess and to label.
         source: what the pairs are of.
         pairs: scans of R rooms.
         threads: how many to use; by default as many as the machine has cores.
+        sides: from `sides_of`, for models that share their pairs; made here when left out.
     """
-    with ThreadPoolExecutor(threads) as pool:
-        seen, other = (_preprocessed(config, pairs, scan, (pool, threads)) for scan in (pairs.dt, pairs.robot))
-        if not source.scenario.endswith("removed"):
-            seen, other = other, seen
-        distances = _distances(pairs, seen, other, threads)
-        rows = range(len(seen))
-        return list(pool.map(lambda row: _labelled(config, source, pairs, row, seen[row], distances[row]), rows))
+    seen, other = sides or sides_of(config, pairs, threads)
+    if not source.scenario.endswith("removed"):
+        seen, other = other, seen
+    distances = _distances(pairs, seen, other, threads)
+    return [_labelled(config, source, pairs, row, seen[row], distances[row]) for row in range(len(seen))]
 
 
-class Kept(NamedTuple):
-    """What is left of one scan after preprocessing."""
-
-    points: np.ndarray  # (N, 3) float32 [m] world frame
-    pixel: np.ndarray  # (N,) int64 ray that each point came from
-
-
-def _preprocessed(config: Config, pairs: Pairs, scan: Scan, means: tuple[ThreadPoolExecutor, int | None]) -> list[Kept]:
+def _preprocessed(config: Config, pairs: Pairs, scan: Scan, threads: int | None) -> list[Kept]:
     """What survives the filters of one side's scans, room by room."""
-    pool, threads = means
-    points = points_of(pairs.pose, pairs.directions, scan.distance)
-    height = pairs.size[:, 2]
-    filtered = list(pool.map(lambda row: _filtered(config, scan, points, height, row), range(len(points))))
+    filtered = _filtered(config, pairs, scan, threads)
     chosen = thin_clouds([kept.points for kept in filtered], config.preprocess.voxel_size, threads)
     thinned = [Kept(*(field[indices] for field in kept)) for kept, indices in zip(filtered, chosen, strict=True)]
     if not config.preprocess.outlier_removal:
         return thinned
-    outliers = pool.map(lambda kept: outlier_mask(kept.points), thinned)
-    return [Kept(*(field[~mask] for field in kept)) for kept, mask in zip(thinned, outliers, strict=True)]
+    with ThreadPoolExecutor(threads) as pool:
+        outliers = pool.map(lambda kept: outlier_mask(kept.points), thinned)
+        return [Kept(*(field[~mask] for field in kept)) for kept, mask in zip(thinned, outliers, strict=True)]
 
 
-def _filtered(config: Config, scan: Scan, points: np.ndarray, height: np.ndarray, row: int) -> Kept:
-    """The returns of one scan (R, P, 3) that the object filter lets through."""
-    settings, ceiling = config.preprocess, float(height[row]) / 2
-    returned = np.isfinite(scan.distance[row])
-    # In a closed room every ray returns, and nothing has to be copied.
-    pixel = slice(None) if returned.all() else np.flatnonzero(returned)
-    keep = returned.copy()
+def _filtered(config: Config, pairs: Pairs, scan: Scan, threads: int | None) -> list[Kept]:
+    """The returns of one side's scans that the object filter lets through."""
+    settings, half = config.preprocess, pairs.size[:, 2] / 2
+    view = (pairs.pose, pairs.directions)
+    keep = np.isfinite(scan.distance)
     if settings.object_filter == "height":
-        keep[pixel] = object_filter(
-            points[row, pixel], scan.element[row, pixel], -ceiling, ceiling, threshold=settings.filter_height
-        )
-    elif settings.object_filter == "semantic":
-        keep &= structural_filter(scan.semantic[row], STRUCTURE)
-    kept = np.flatnonzero(keep)
-    return Kept(points[row, kept], kept)
+        tall = tall_points(*view, scan, (-half, half, settings.filter_height, FLOOR_TOLERANCE), threads)
+        unsure = [row for row, kept in enumerate(tall) if kept is None]
+        if not unsure:
+            return tall
+        for row in unsure:
+            there = np.flatnonzero(keep[row])
+            pose = Pose(*(field[row : row + 1] for field in pairs.pose))
+            points = points_of(pose, pairs.directions, scan.distance[row : row + 1])[0, there]
+            limits = (-float(half[row]), float(half[row]), settings.filter_height, FLOOR_TOLERANCE)
+            chosen = object_filter(points, scan.element[row, there], *limits)
+            tall[row] = Kept(points[chosen], there[chosen])
+        return tall
+    if settings.object_filter == "semantic":
+        keep &= structural_filter(scan.semantic, STRUCTURE)
+    points = points_of(*view, scan.distance, threads)
+    return [Kept(points[row, kept], np.flatnonzero(kept)) for row, kept in enumerate(keep)]
 
 
 def _distances(pairs: Pairs, seen: list[Kept], other: list[Kept], threads: int | None) -> list[np.ndarray]:

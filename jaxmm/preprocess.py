@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 MAX_TURN = np.pi / 2  # [rad] of an augmentation
 MAX_SHIFT = 5.0  # [m] of an augmentation, along each axis
+FLOOR_TOLERANCE = 0.1  # [m] median height of what still counts as floor or ceiling
 EQUALLY_NEAR = 1e-6  # [voxels] difference of two distances that counts as none
 
 
@@ -31,7 +32,7 @@ def object_filter(
     floor: float,
     ceiling: float,
     threshold: float = 2.0,
-    tolerance: float = 0.1,
+    tolerance: float = FLOOR_TOLERANCE,
 ) -> np.ndarray:
     """Where points belong to structure rather than furniture, judged by each element's height alone.
 

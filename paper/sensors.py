@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from jaxmm.figures import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION, save, styled
 from warp_scanner import draws, scenes
 from warp_scanner.imperfections import imperfect
-from warp_scanner.pairs import points_of
+from warp_scanner.points import points_of
 from warp_scanner.poses import Pose, Standing, draw_poses, rotation_of
 from warp_scanner.rooms import RoomConfig, make_rooms
 from warp_scanner.scan import Rays, Scan, cast_rays, cast_slots

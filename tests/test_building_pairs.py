@@ -9,7 +9,8 @@ from warp_scanner.building_files import read_building
 from warp_scanner.building_pairs import BuildingPairConfig, make_building_pairs
 from warp_scanner.building_poses import draw_positions, element_around
 from warp_scanner.draws import keys
-from warp_scanner.pairs import Pairs, points_of
+from warp_scanner.pairs import Pairs
+from warp_scanner.points import points_of
 from warp_scanner.scan import Rays
 from warp_scanner.scenarios import SCENARIOS
 from warp_scanner.scenes import PILLAR, WALL

@@ -6,7 +6,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from warp_scanner.neighbours import nearest, nearest_both_ways
-from warp_scanner.pairs import PairConfig, make_pairs, points_of
+from warp_scanner.pairs import PairConfig, make_pairs
+from warp_scanner.points import points_of
 
 
 def room_like(rng, count):

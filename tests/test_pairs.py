@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from warp_scanner.pairs import PairConfig, make_pairs, points_of
+from warp_scanner.pairs import PairConfig, make_pairs
 from warp_scanner.pinhole import cast_image
+from warp_scanner.points import points_of
 from warp_scanner.scan import Rays, cast_rays, cast_slots
 from warp_scanner.scenarios import CONDITIONS, SCENARIOS, make_scenes
 from warp_scanner.scenes import CHAIR, TABLE

@@ -11,7 +11,8 @@ from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED, Config, DataConfig, P
 from jaxmm.metrics import point_metrics
 from jaxmm.preprocess import nearest_distance, object_filter, voxel_downsample
 from jaxmm.simulator import CloudSource, pair_config
-from warp_scanner.pairs import make_pairs, points_of
+from warp_scanner.pairs import make_pairs
+from warp_scanner.points import points_of
 from warp_scanner.scenes import PILLAR, WALL
 
 CONFIG = Config(scan=Table.of({"width": 160, "height": 100}))

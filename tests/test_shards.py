@@ -15,7 +15,8 @@ from jaxmm.inputs import InputError
 from jaxmm.shards import FIELDS, RAW_FIELDS, Manifest
 from jaxmm.simulator import MULTI, CloudSource, pair_config, scene_of
 from warp_scanner import scenarios, scenes
-from warp_scanner.pairs import make_pairs, points_of
+from warp_scanner.pairs import make_pairs
+from warp_scanner.points import points_of
 from warp_scanner.scenes import PILLAR, WALL
 from warp_scanner.sensors import Pose
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jaxmm.preprocess import voxel_downsample
-from warp_scanner.pairs import PairConfig, make_pairs, points_of
+from warp_scanner.pairs import PairConfig, make_pairs
+from warp_scanner.points import points_of
 from warp_scanner.voxels import thin_clouds
 
 

@@ -15,7 +15,7 @@ from warp_scanner.rooms import THESIS, VARIED, RoomConfig
 from warp_scanner.scan import Rays, Scan, cast_slots
 from warp_scanner.scenarios import SceneConfig, Scenes, TrueBox, make_scenes
 from warp_scanner.sense import cast, cast_which, measured, rays_of, within_reach
-from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing, rotation_of
+from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing
 
 _SCENES_AT_ONCE = 64  # scenes are drawn together, so that few of them wait for the last
 _RAYS_AT_ONCE = 2**20  # bounds the memory of what is only needed on the way
@@ -145,13 +145,6 @@ def make_pairs(config: PairConfig, index: np.ndarray, threads: int | None = None
         inner = threads if len(starts) == 1 else 1
         parts = list(pool.map(lambda start: _make_pairs(config, index[start : start + size], inner), starts))
     return joined([part for few in parts for part in few])
-
-
-def points_of(pose: Pose, directions: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """World points (R, P, 3) float32 [m] of ranges (R, P) along sensor-frame directions (P, 3); NaN for misses."""
-    rotation = rotation_of(pose.yaw, pose.pitch)
-    reach = np.where(np.isfinite(distance), distance, np.float32(np.nan))
-    return pose.position[:, None] + reach[..., None] * (directions[None] @ rotation.transpose(0, 2, 1))
 
 
 def _make_pairs(config: PairConfig, index: np.ndarray, threads: int) -> list[Pairs]:
