@@ -1,16 +1,19 @@
 """How the cost of scanning grows: rays per second against primitives and rooms, and memory against rooms.
 
-    python -m benchmarks.growth [--json FILE] [--figure FILE]        about three minutes
+    python -m benchmarks.growth [--json FILE] [--figure FILE] [--most-pairs N]    three minutes; 12 for 100,000 pairs
 
-All on the 320 x 200 grid of a pinhole camera, as an image (the fast path) and as rays of any direction (the general
-kernel, which is the peer here). Rooms in a launch repeat 64 drawn ones. Memory is the peak of a process of its own that
-casts so many rooms, over that of one that casts a single room; what it holds is the input table and the answer.
+Casting is on the 320 x 200 grid of a pinhole camera, as an image (the fast path) and as rays of any direction (the
+general kernel, which is the peer here). Rooms in a launch repeat 64 drawn ones. Memory is the peak of a process of its
+own that casts so many rooms, over that of one that casts a single room; what it holds is the input table and the
+answer. A run is `jaxmm generate` of so many pairs (64 x 40 rays, to be done in time) by two workers: peaks of the
+writer and of the largest worker.
 """
 
 import argparse
 import resource
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +21,9 @@ from matplotlib.figure import Figure
 
 from benchmarks.rays import rays_of, rooms_and_poses
 from benchmarks.timing import Timing, measure_in_turns, write_report
+from jaxmm.config import Config, Table
 from jaxmm.figures import BLUE, GREY, VERMILLION, save, styled
+from jaxmm.generate import Request, generate
 from warp_scanner.pinhole import cast_image
 from warp_scanner.scan import cast_rays
 from warp_scanner.scenes import BOX, CYLINDER, TABLE, WALL, Primitives, join, take
@@ -26,6 +31,7 @@ from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose
 
 PRIMITIVES = (10, 30, 100, 300, 1000)  # in a room
 ROOMS = (1, 4, 16, 64, 256, 1024, 4096)  # in a launch
+RUNS = (100, 1_000, 10_000, 100_000)  # pairs
 MOST_GENERAL_ROOMS = 256  # more takes the general kernel minutes, at the same speed
 
 
@@ -93,15 +99,30 @@ def cast_and_tell(rooms: int) -> None:
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 
+def run_memory(pairs: int) -> tuple[float, float]:
+    """Peak memory [MB] of the writer and of the largest worker of a run that generates so many pairs."""
+    command = [sys.executable, "-m", "benchmarks.growth", "--generate", str(pairs)]
+    found = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout.split()
+    return int(found[-2]) / 1024, int(found[-1]) / 1024
+
+
+def generate_and_tell(pairs: int) -> None:
+    """Generate so many pairs and print the peak memory [kB] of this process and of the largest worker."""
+    config = Config(scan=Table.of({"preset": "varied", "width": 64, "height": 40}))
+    with tempfile.TemporaryDirectory() as folder:
+        generate(config, Path(folder) / "shards", Request(pairs, workers=2))
+    print(*(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
+
+
 def _arguments(primitives: Primitives, pose: Pose) -> tuple:
     return primitives, None, OAK_D_PRO_SMALL, pose
 
 
 @styled
 def draw(found: dict[str, list[dict]]) -> Figure:
-    """Three panels: speed against primitives, speed against rooms, memory against rooms."""
-    figure = Figure((13.0, 4.0), layout="constrained")
-    panels = figure.subplots(1, 3)
+    """Four panels: speed against primitives, speed against rooms, memory of a launch, memory of a run."""
+    figure = Figure((10.0, 7.6), layout="constrained")
+    panels = figure.subplots(2, 2).ravel()
     for axes, name in zip(panels[:2], ("primitives", "rooms"), strict=True):
         rows = found[name]
         for field, title, color, marker in (("ours", "image", BLUE, "o"), ("peer", "any rays", VERMILLION, "s")):
@@ -119,18 +140,29 @@ def draw(found: dict[str, list[dict]]) -> Figure:
     panels[2].plot([row["rooms"] for row in rows], answer, linestyle="--", color=GREY, label="scans and table alone")
     panels[2].set(xscale="log", yscale="log", xlabel="rooms in a launch", ylabel="memory above one room [MB]")
     panels[2].legend()
-    figure.suptitle("Cost of scanning: 320 x 200 rays a room, 2 threads")
+    rows = found["runs"]
+    for field, title, color, marker in (
+        ("ours", "largest worker", BLUE, "o"),
+        ("writer", "writer", VERMILLION, "s"),
+    ):
+        panels[3].plot(
+            [row["pairs"] for row in rows], [row[field] for row in rows], marker=marker, color=color, label=title
+        )
+    panels[3].set(xscale="log", xlabel="pairs in a run of generate", ylabel="peak memory [MB]")
+    panels[3].set_ylim(bottom=0)
+    panels[3].legend()
+    figure.suptitle("How the cost of scanning grows, on two cores; casts of 320 x 200 rays a room")
     return figure
 
 
-def measure(repeat: int) -> dict[str, list[dict]]:
-    """Rows of the three panels."""
-    rows: dict[str, list[dict]] = {"primitives": [], "rooms": [], "memory": []}
+def measure(repeat: int, most_pairs: int) -> dict[str, list[dict]]:
+    """Rows of the four panels."""
+    rows: dict[str, list[dict]] = {"primitives": [], "rooms": [], "memory": [], "runs": []}
 
     def add(kind: str, case: str, values: tuple, unit: str, **more: int) -> None:
         ours, peer = values
-        peer_name = "what must be held" if kind == "memory" else "general kernel"
-        ratio = None if not peer else round((peer / ours) if kind == "memory" else (ours / peer), 2)
+        peer_name = {"memory": "what must be held", "runs": "the smallest run"}.get(kind, "general kernel")
+        ratio = None if not peer else round((peer / ours) if unit == "MB" else (ours / peer), 2)
         rows[kind].append(
             {"case": case, "ours": ours, "peer": peer, "peer_name": peer_name, "unit": unit, "ratio": ratio, **more}
         )
@@ -147,8 +179,13 @@ def measure(repeat: int) -> dict[str, list[dict]]:
     pixels = OAK_D_PRO_SMALL.width * OAK_D_PRO_SMALL.height
     for count in ROOMS[2:]:
         held = count * (pixels * 9 + 150 * 34) / 2**20
-        more = max(peak_memory(count) - least, 0.01)
+        more = max(peak_memory(count) - least, 0.1)  # the first room's own allocations hide those of a few more
         add("memory", f"memory of {count} rooms", (round(more, 1), round(held, 1)), "MB", rooms=count)
+    smallest = None
+    for count in (count for count in RUNS if count <= most_pairs):
+        writer, worker = (round(size, 1) for size in run_memory(count))
+        smallest = smallest or worker
+        add("runs", f"largest worker, {count} pairs", (worker, smallest), "MB", pairs=count, writer=writer)
     return rows
 
 
@@ -157,12 +194,17 @@ def main() -> int:
     parser.add_argument("--json", type=Path, help="also write the rows to this file")
     parser.add_argument("--figure", type=Path, help="also draw them (.png, .pdf or .svg)")
     parser.add_argument("--repeat", type=int, default=5, help="casts after the first, of which the median is taken")
+    parser.add_argument("--most-pairs", type=int, default=1_000, help="in the longest run; 100000 takes ten minutes")
     parser.add_argument("--cast", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--generate", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.cast:
         cast_and_tell(options.cast)
         return 0
-    found = measure(options.repeat)
+    if options.generate:
+        generate_and_tell(options.generate)
+        return 0
+    found = measure(options.repeat, options.most_pairs)
     if options.json:
         write_report(options.json, [row for rows in found.values() for row in rows], "warp-lang", "numpy")
     if options.figure:
