@@ -23,6 +23,7 @@ class LabelledCloud(NamedTuple):
     heuristic: np.ndarray  # (N,) bool the thesis's label: a distance threshold, then its cluster filter
     true: np.ndarray  # (N,) bool the return came from the mismatch
     testable: np.ndarray  # (N,) bool prior and reality differ measurably along this very ray
+    evidence: np.ndarray  # (N, F) float32, columns as evidence.FEATURES; (N, 0) where none was gathered
 
 
 def labels_of(cloud: LabelledCloud, kind: str) -> tuple[np.ndarray, np.ndarray]:
@@ -45,8 +46,15 @@ class Batch(NamedTuple):
     seeds: np.ndarray  # (S, B) uint32, of each cloud's dropout
 
 
-def features_of(method: str, points: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """The network's input (N, F) float32: the NN distance [m], after absolute coordinates [m] for `xyz_nn`."""
+def features_of(
+    method: str, points: np.ndarray, distance: np.ndarray, evidence: np.ndarray | None = None
+) -> np.ndarray:
+    """The network's input (N, F) float32: the NN distance [m], after absolute coordinates [m] for `xyz_nn`.
+
+    For `evidence` it is the evidence itself.
+    """
+    if method == "evidence":
+        return np.asarray(evidence, np.float32)
     column = np.asarray(distance, np.float32)[:, None]
     return column if TRAINED_METHODS[method] == 1 else np.concatenate([np.asarray(points, np.float32), column], axis=1)
 
@@ -123,7 +131,9 @@ def _fill(
     count = len(cloud.points)
     chosen = np.arange(count) if count <= sampler.point_count else rng.permutation(count)[: sampler.point_count]
     labels, void = labels_of(cloud, sampler.label_kind)
-    batch.features[place][: len(chosen)] = features_of(sampler.method, cloud.points[chosen], cloud.distance[chosen])
+    batch.features[place][: len(chosen)] = features_of(
+        sampler.method, cloud.points[chosen], cloud.distance[chosen], cloud.evidence[chosen]
+    )
     batch.labels[place][: len(chosen)] = labels[chosen]
     batch.mask[place][: len(chosen)] = True
     batch.scored[place][: len(chosen)] = ~void[chosen]

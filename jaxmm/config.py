@@ -19,7 +19,7 @@ MULTI_SCENARIOS = (
     "wall_moved",
 )  # fmt: skip
 SCENES = (*SCENARIOS, UNCHANGED, *MULTI_SCENARIOS)
-TRAINED_METHODS = {"nn": 1, "xyz_nn": 4}  # method -> features per point
+TRAINED_METHODS = {"nn": 1, "xyz_nn": 4, "evidence": 24}  # method -> features per point
 
 
 class ConfigError(InputError):
@@ -94,6 +94,7 @@ class PreprocessConfig:
     # Where the cluster filter thins heuristic labels of removed objects. It is there for the shadows of furniture;
     # clean scans have none, and the filter could only lose parts of the object (paper/README.md).
     label_filter: str = one_of("occluded", "occluded", "always", "never")
+    evidence: bool = False  # what the rays say of every point, for the method of that name; half as much work again
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,6 +140,8 @@ class TrainConfig:
     map_models: str = one_of("map", "map", "vmap")  # one after the other, or side by side, inside the one step
 
     def __post_init__(self):
+        if "evidence" in self.augment:
+            raise ConfigError("augment: evidence is gathered in place, and moved copies have none")
         for name in ("methods", "augment"):
             if unknown := set(getattr(self, name)) - set(TRAINED_METHODS):
                 raise ConfigError(f"{name} must be some of {sorted(TRAINED_METHODS)}, got {sorted(unknown)}")
@@ -168,6 +171,10 @@ class Config:
     loss: LossConfig = LossConfig()
     train: TrainConfig = TrainConfig()
     evaluate: EvaluateConfig = EvaluateConfig()
+
+    def __post_init__(self):
+        if "evidence" in self.train.methods and not self.preprocess.evidence:
+            raise ConfigError("train: the method evidence needs evidence = true in [preprocess]")
 
 
 def load(path: Path | str) -> Config:

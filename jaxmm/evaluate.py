@@ -38,7 +38,7 @@ def scores_of(cloud: LabelledCloud, scenario: str, models: dict[str, Model], net
     scores = {CONTROL: cloud.distance}
     for method, stacked in models.items():
         model = pick_model(stacked, scenario)
-        scores[method] = predict(model, features_of(method, cloud.points, cloud.distance), network)
+        scores[method] = predict(model, features_of(method, cloud.points, cloud.distance, cloud.evidence), network)
     return scores
 
 

@@ -11,10 +11,12 @@ from jaxmm.batches import LabelledCloud
 from jaxmm.boxes import Box
 from jaxmm.config import Config
 from jaxmm.evaluate import RoomTruth
+from jaxmm.evidence import features_of
 from jaxmm.files import REMEDY, load_arrays, write_arrays
 from jaxmm.inputs import InputError
 from jaxmm.labels import filter_labels, heuristic_labels
 from jaxmm.preprocess import FLOOR_TOLERANCE, object_filter, outlier_mask, structural_filter
+from jaxmm.sighting import expected_of, frames_of, prior_views, robot_views
 from jaxmm.simulator import CloudSource, pair_config, ray_count, scene_of
 from warp_scanner.neighbours import nearest
 from warp_scanner.pairs import Pairs, make_pairs
@@ -83,7 +85,9 @@ def clouds_of(
     if not source.scenario.endswith("removed"):
         seen, other = other, seen
     distances = _distances(pairs, seen, other, threads)
-    return [_labelled(config, source, pairs, row, seen[row], distances[row]) for row in range(len(seen))]
+    evidence = _evidence(config, source, pairs, (seen, distances), threads)
+    rows = range(len(seen))
+    return [_labelled(config, source, pairs, row, (seen[row], distances[row], evidence[row])) for row in rows]
 
 
 def _preprocessed(config: Config, pairs: Pairs, scan: Scan, threads: int | None) -> list[Kept]:
@@ -133,11 +137,26 @@ def _distances(pairs: Pairs, seen: list[Kept], other: list[Kept], threads: int |
     ]
 
 
+def _evidence(
+    config: Config, source: CloudSource, pairs: Pairs, seen: tuple[list[Kept], list[np.ndarray]], threads: int | None
+) -> list[np.ndarray]:
+    """What rays say of the points that a scenario's model sees, (N, F) float32 for each room."""
+    if not config.preprocess.evidence:
+        return [np.zeros((len(kept.points), 0), np.float32) for kept in seen[0]]
+    sensor = pair_config(config, source).sensor
+    expected = expected_of(pairs, sensor, threads)
+    if source.scenario.endswith("removed"):
+        views = prior_views(pairs, sensor, expected, seen, threads)
+    else:
+        views = robot_views(pairs, expected, seen[0], threads)
+    return [features_of(view, frame) for view, frame in zip(views, frames_of(pairs, sensor), strict=True)]
+
+
 def _labelled(
-    config: Config, source: CloudSource, pairs: Pairs, row: int, kept: Kept, distance: np.ndarray
+    config: Config, source: CloudSource, pairs: Pairs, row: int, seen: tuple[Kept, np.ndarray, np.ndarray]
 ) -> LabelledCloud:
     """The cloud of one room with its labels and the truth about every point."""
-    points, pixel = kept
+    (points, pixel), distance, evidence = seen
     removed = source.scenario.endswith("removed")
     scan, testable = (pairs.dt, pairs.testable_dt) if removed else (pairs.robot, pairs.testable_robot)
     element = scan.element[row, pixel]
@@ -145,7 +164,7 @@ def _labelled(
     heuristic = heuristic_labels(distance, config.preprocess.label_distance)
     if removed and config.preprocess.label_filter in (source.condition, "always"):
         heuristic = filter_labels(points, element, heuristic, source.scenario.split("_")[0])
-    return LabelledCloud(points, distance, element, heuristic, changed, testable[row, pixel])
+    return LabelledCloud(points, distance, element, heuristic, changed, testable[row, pixel], evidence)
 
 
 def changes_of(scenario: str, pairs: Pairs, row: int) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Shards: files of labelled clouds with the truth about each pair, memory-mapped, checksummed, listed in a manifest.
 
-n pairs of a shard, P points of all its clouds one after the other, R rays of a scan, M changed objects. A shard is a
+n pairs of a shard, P points of all its clouds one after the other, R rays of a scan, M changed objects, F kinds of
+evidence. A shard is a
 safetensors file: eight bytes that hold the length of a JSON header (little-endian), the header with dtype, shape and
 place of every field, then the plain numbers. FIELDS says what they mean.
 """
@@ -14,6 +15,7 @@ import numpy as np
 import safetensors.numpy
 
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, SCENES, UNCHANGED, DataConfig
+from jaxmm.evidence import FEATURES
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
 
@@ -28,7 +30,7 @@ class Field(NamedTuple):
     """One array of a shard."""
 
     dtype: str  # a key of DTYPES
-    shape: tuple[str | int, ...]  # "n", "n+1", "P", "R" and "M" as in the docstring of this module
+    shape: tuple[str | int, ...]  # "n", "n+1", "P", "R", "M" and "F" as in the docstring of this module
     meaning: str
 
 
@@ -61,6 +63,8 @@ FIELDS = {
     "heuristic": Field("BOOL", ("P",), "the thesis's label: a distance threshold, then its cluster filter"),
     "true": Field("BOOL", ("P",), "the return came from an object that changed as the scenario says"),
     "testable": Field("BOOL", ("P",), "prior and reality differ measurably along this very ray"),
+    "evidence": Field("F32", ("P", "F"), "what rays say of the point, 0 columns where none was gathered: " + ", ".join(
+        FEATURES)),
 }  # fmt: skip
 CLASSES = (
     "0 nothing, 1 floor, 2 ceiling, 3 wall, 4 pillar, 5 door, 6 table, 7 chair, 8 window, 9 furniture, 10 other,"

@@ -15,7 +15,8 @@ def cloud(number, count):
     point = np.arange(count, dtype=np.float32)
     points = np.stack([point, np.full(count, number, np.float32), point**2], axis=1)
     label = point % 3 == 0
-    return LabelledCloud(points, number + point / 1000, point.astype(np.int32), label, ~label, label)
+    evidence = np.stack([points[:, 1], point], axis=1)
+    return LabelledCloud(points, number + point / 1000, point.astype(np.int32), label, ~label, label, evidence)
 
 
 def sampler(method="nn", seed=0, copies=1, batch_size=3, label_kind="heuristic"):

@@ -67,7 +67,7 @@ def pillar_room():
     changed = element == 2
     distance = np.where(changed, 0.5, 0.0).astype(np.float32)
     testable = changed & (points[:, 2] > 0)
-    return LabelledCloud(points, distance, element, changed, changed, testable)
+    return LabelledCloud(points, distance, element, changed, changed, testable, np.zeros((len(points), 0)))
 
 
 TRUTH = RoomTruth(5, Box("pillar", np.zeros(3), np.array([0.4, 0.4, 3.0])), 0.5)

@@ -35,7 +35,7 @@ def clouds(seed):
         label = rng.random(30) < 0.3
         distance = (rng.exponential(0.1, 30) + 0.2 * label).astype(np.float32)
         points = rng.normal(size=(30, 3)).astype(np.float32)
-        made.append(LabelledCloud(points, distance, np.zeros(30, np.int32), label, label, label))
+        made.append(LabelledCloud(points, distance, np.zeros(30, np.int32), label, label, label, np.zeros((30, 0))))
     return [made[:3], made[3:]]
 
 

@@ -27,7 +27,8 @@ def cloud(number, count):
     rng = np.random.default_rng(number)
     label = rng.random(count) < 0.5
     points, distance = rng.normal(size=(count, 3)), rng.random(count)
-    return LabelledCloud(points.astype("f4"), distance.astype("f4"), np.zeros(count, "i4"), label, label, label)
+    element, evidence = np.zeros(count, "i4"), np.zeros((count, 0), "f4")
+    return LabelledCloud(points.astype("f4"), distance.astype("f4"), element, label, label, label, evidence)
 
 
 SAMPLER = Sampler([[cloud(i + 9 * s, 20 + 7 * i) for i in range(5)] for s in range(3)], "xyz_nn", "true", 6, 30, 4, 1)

@@ -168,7 +168,14 @@ def test_the_card_tells_how_to_map_a_field_with_numpy_alone(raw_shard, tmp_path)
         assert told["dtype"] == field.dtype and (8 + length + told["data_offsets"][0]) % dtype.itemsize == 0
         array = np.memmap(path, dtype, "r", 8 + length + told["data_offsets"][0], tuple(told["shape"]))
         np.testing.assert_array_equal(array, safetensors.numpy.load(raw_shard)[name], err_msg=name)
-        sizes = {"n": PAIRS, "n+1": PAIRS + 1, "P": header["points"]["shape"][0], "R": 4000, "M": shards.MOST_CHANGES}
+        sizes = {
+            "n": PAIRS,
+            "n+1": PAIRS + 1,
+            "P": header["points"]["shape"][0],
+            "R": 4000,
+            "M": shards.MOST_CHANGES,
+            "F": 0,
+        }
         assert told["shape"] == [sizes.get(size, size) for size in field.shape]
 
 

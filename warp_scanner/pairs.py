@@ -14,6 +14,7 @@ from warp_scanner import draws
 from warp_scanner.rooms import THESIS, VARIED, RoomConfig
 from warp_scanner.scan import Rays, Scan, cast_slots
 from warp_scanner.scenarios import SceneConfig, Scenes, TrueBox, make_scenes
+from warp_scanner.scenes import GAP, Primitives
 from warp_scanner.sense import cast, cast_which, measured, rays_of, within_reach
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing
 
@@ -120,6 +121,7 @@ class Pairs(NamedTuple):
     box: TrueBox  # of the changed objects, (R, M)
     true_pose: Pose  # where the robot scan was taken from
     size: np.ndarray  # (R, 3) float32 [m] inside of the shells
+    prior: Primitives  # (R, K) what the building model holds
 
 
 def make_pairs(config: PairConfig, index: np.ndarray, threads: int | None = None) -> Pairs:
@@ -185,7 +187,7 @@ def _scanned(config: PairConfig, scenes: Scenes, which: tuple[np.ndarray, np.nda
     noisy = measured(robot, reality, (config.robot_sensor, true_pose), (config.seed, index), threads)
     return Pairs(
         scenes.pose, directions, dt, noisy, changed_dt, changed_robot, *testable, fraction, scenes.box, true_pose,
-        scenes.size,
+        scenes.size, scenes.primitives._replace(kind=np.where(scenes.in_prior, scenes.primitives.kind, GAP)),
     )  # fmt: skip
 
 

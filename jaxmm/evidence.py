@@ -1,0 +1,218 @@
+"""Evidence: what the robot's rays say of every point of the prior, and what the prior says of every point of the robot.
+
+N points of one scan, S of them stand in one pool. World frame: metres, z up. Counts are of rays (N, 4), in the order of
+FRACTIONS. For a point of the prior they tell what the robot's rays within its footprint did; for a point of the robot,
+where the prior's surface lies along the same ray.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+FRACTIONS = ("through", "support", "blocked", "unseen")
+THROUGH, SUPPORT, BLOCKED, UNSEEN = range(4)
+FEATURES = (
+    *FRACTIONS,  # of the point's own footprint
+    "residual",  # measured less expected range over 2 m, cut to [-1, 1]
+    "apart",  # distance to the other side's surface [m], at most 1
+    "height",  # above the floor, over the height of the room
+    "range",  # from the sensor, over 10 m
+    "facing",  # cosine of the incidence
+    "pooled",  # 1 where the point belongs to a pool
+    *(f"pool {name}" for name in FRACTIONS),
+    "pool size",  # logarithm of its rays, base 10, over 4
+    "pool low", "pool high",  # lowest and highest point, as heights
+    "pool floor gap", "pool ceiling gap",  # what of the visible height it leaves free below and above, over the room's
+    "pool length", "pool width",  # over 5 m and over 1 m, cut to 1
+    "column low", "column high", "column ceiling gap",  # as above, of the candidates right below and above the point
+)  # fmt: skip
+
+BASE_MARGIN = 0.03  # [m] of ranges without errors
+SIGMAS = 3.0  # errors of ranges that the margin covers
+LEAST_COSINE = 0.15  # beyond this incidence the margin grows no further
+MOST_MARGIN = 1.0  # [m]
+COLUMN = 0.2  # [m] edge of the cells of a column
+JOINT = 0.25  # [m] candidates closer than this are one component
+AZIMUTHS = 180  # cells of the outline of the field of view
+
+
+class View(NamedTuple):
+    """One side of a pair: N points that are to be judged, with what was found out about each."""
+
+    points: np.ndarray  # (N, 3) [m] world
+    element: np.ndarray  # (N,) int: of the prior; -1 where elements are unknown
+    count: np.ndarray  # (N, 4) rays
+    residual: np.ndarray  # (N,) [m] measured less expected range; NaN where nothing is known
+    apart: np.ndarray  # (N,) [m] to the surface of the other side
+    cosine: np.ndarray  # (N,) of the incidence
+    candidate: np.ndarray  # (N,) bool: what could be a mismatch by its own evidence
+
+
+class Frame(NamedTuple):
+    """What heights are judged against."""
+
+    sensor: np.ndarray  # (3,) [m] world
+    floor: float  # [m] world
+    ceiling: float
+    top: np.ndarray  # (AZIMUTHS,) greatest and least tangent of the elevation that rays reach in a direction; NaN: none
+    bottom: np.ndarray
+
+
+def frame_of(sensor: np.ndarray, directions: np.ndarray, floor: float, ceiling: float) -> Frame:
+    """The frame of a scan.
+
+    Args:
+        sensor: (3,) [m] world.
+        directions: (P, 3) of its rays, world frame, of any length.
+        floor, ceiling: heights [m].
+    """
+    level = np.hypot(directions[:, 0], directions[:, 1])
+    slope = directions[:, 2] / np.maximum(level, 1e-6)
+    cell = _azimuth_cell(directions)
+    top, bottom = np.full(AZIMUTHS, -np.inf), np.full(AZIMUTHS, np.inf)
+    np.maximum.at(top, cell, slope)
+    np.minimum.at(bottom, cell, slope)
+    empty = top < bottom
+    top[empty] = bottom[empty] = np.nan
+    return Frame(np.asarray(sensor, np.float64), float(floor), float(ceiling), top, bottom)
+
+
+def noise_of(residual: np.ndarray, cosine: np.ndarray) -> float:
+    """Robust standard deviation [m] of measured less expected ranges, of rays that meet what they should.
+
+    What changed and what stands in front is cut off at half a metre, and the median does not heed the rest.
+    """
+    near = np.isfinite(residual) & (np.abs(residual) < 0.5) & (cosine > 0.3)
+    return 1.4826 * float(np.median(np.abs(residual[near]))) if near.any() else 0.0
+
+
+def margins(cosine: np.ndarray, sigma: float) -> np.ndarray:
+    """Ranges that differ by less are the same (N,) float32 [m].
+
+    A surface that is a little off is off by more along a slanting ray.
+    """
+    widened = SIGMAS * sigma / np.clip(np.nan_to_num(cosine, nan=1.0), LEAST_COSINE, 1.0)
+    return np.minimum(BASE_MARGIN + widened, MOST_MARGIN).astype(np.float32)
+
+
+def fractions(count: np.ndarray) -> np.ndarray:
+    """Counts of rays (N, 4) as fractions that sum to 1, float32; a point without rays is unseen."""
+    total = count.sum(axis=-1, keepdims=True)
+    share = (count / np.maximum(total, 1)).astype(np.float32)
+    share[total[..., 0] == 0, UNSEEN] = 1.0
+    return share
+
+
+def components(points: np.ndarray, candidate: np.ndarray, reach: float = JOINT) -> np.ndarray:
+    """Number (N,) int of the connected component of each candidate, -1 for all other points."""
+    number = np.full(len(points), -1, np.int64)
+    chosen = np.flatnonzero(candidate)
+    if len(chosen):
+        pairs = cKDTree(points[chosen]).query_pairs(reach, output_type="ndarray")
+        graph = coo_matrix((np.ones(len(pairs), bool), tuple(pairs.T)), shape=(len(chosen),) * 2)
+        number[chosen] = connected_components(graph, directed=False)[1]
+    return number
+
+
+def features_of(view: View, frame: Frame) -> np.ndarray:
+    """The network's input (N, F) float32, columns as FEATURES; 0 where a point is in no pool or column.
+
+    Pools are the prior's elements where they are known, else connected candidates.
+    """
+    points = np.asarray(view.points, np.float64)
+    known = view.element >= 0
+    pool = np.where(known, view.element, -1)
+    found = components(points, view.candidate & ~known)
+    pool = np.where(found >= 0, found + (view.element.max(initial=-1) + 1), pool)
+    height = frame.ceiling - frame.floor
+    own = [
+        fractions(view.count),
+        np.clip(np.nan_to_num(view.residual) / 2.0, -1.0, 1.0),
+        np.clip(view.apart, 0.0, 1.0),
+        (points[:, 2] - frame.floor) / height,
+        np.linalg.norm(points - frame.sensor, axis=1) / 10.0,
+        np.nan_to_num(view.cosine, nan=1.0),
+    ]
+    columns = [*own, pool >= 0, *_of_pools(view, frame, pool), *_of_columns(view, frame)]
+    return np.column_stack(columns).astype(np.float32)
+
+
+def _of_pools(view: View, frame: Frame, pool: np.ndarray) -> list[np.ndarray]:
+    """Columns of each point's pool, from its fractions to its width; (N,) or (N, 4)."""
+    count = len(pool)
+    if not (pool >= 0).any():
+        return [np.zeros((count, 4)), *(np.zeros(count) for _ in range(7))]
+    _, number = np.unique(pool[pool >= 0], return_inverse=True)
+    inside = pool >= 0
+    points, height = np.asarray(view.points, np.float64)[inside], frame.ceiling - frame.floor
+    rays = np.column_stack([np.bincount(number, view.count[inside, side]) for side in range(4)])
+    low, high = _extremes(number, points[:, 2])
+    below, above = _visible_gaps(points, frame)
+    length, width = _extents(number, points[:, :2])
+    told = [
+        fractions(rays),
+        np.log10(1.0 + rays.sum(axis=1)) / 4.0,
+        (low - frame.floor) / height,
+        (high - frame.floor) / height,
+        _extremes(number, below)[0] / height,
+        _extremes(number, above)[0] / height,
+        np.minimum(length / 5.0, 1.0),
+        np.minimum(width, 1.0),
+    ]
+    return [_spread(values[number], inside) for values in told]
+
+
+def _of_columns(view: View, frame: Frame) -> list[np.ndarray]:
+    """Lowest and highest candidate of each candidate's column, and what it leaves free above; (N,) each."""
+    inside = view.candidate
+    if not inside.any():
+        return [np.zeros(len(inside)) for _ in range(3)]
+    points, height = np.asarray(view.points, np.float64)[inside], frame.ceiling - frame.floor
+    _, number = np.unique(np.floor(points[:, :2] / COLUMN), axis=0, return_inverse=True)
+    number = number.ravel()
+    low, high = _extremes(number, points[:, 2])
+    _, above = _visible_gaps(points, frame)
+    told = [(low - frame.floor) / height, (high - frame.floor) / height, _extremes(number, above)[0] / height]
+    return [_spread(values[number], inside) for values in told]
+
+
+def _visible_gaps(points: np.ndarray, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+    """How far each point is from the lowest and the highest place that could be seen below and above it [m]."""
+    offset = points - frame.sensor
+    level, cell = np.hypot(offset[:, 0], offset[:, 1]), _azimuth_cell(offset)
+    top, bottom = (np.nan_to_num(slope[cell], nan=0.0) for slope in (frame.top, frame.bottom))
+    highest = np.minimum(frame.ceiling, frame.sensor[2] + level * top)
+    lowest = np.maximum(frame.floor, frame.sensor[2] + level * bottom)
+    return np.maximum(points[:, 2] - lowest, 0.0), np.maximum(highest - points[:, 2], 0.0)
+
+
+def _azimuth_cell(offset: np.ndarray) -> np.ndarray:
+    turn = (np.arctan2(offset[:, 1], offset[:, 0]) + np.pi) / (2 * np.pi)
+    return np.minimum((turn * AZIMUTHS).astype(np.int64), AZIMUTHS - 1)
+
+
+def _extremes(number: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest value of each group; groups are numbered from 0 without gaps."""
+    order = np.argsort(number, kind="stable")
+    start = np.searchsorted(number[order], np.arange(number.max() + 1))
+    return np.minimum.reduceat(values[order], start), np.maximum.reduceat(values[order], start)
+
+
+def _extents(number: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Length and width [m] of each group's footprint: edges of the rectangle with the same second moments."""
+    size = np.bincount(number)
+    mean = np.column_stack([np.bincount(number, axis) / size for axis in places.T])
+    x, y = (places - mean[number]).T
+    xx, yy, xy = (np.bincount(number, values) / size for values in (x * x, y * y, x * y))
+    middle, apart = (xx + yy) / 2, np.sqrt(np.square((xx - yy) / 2) + np.square(xy))
+    return np.sqrt(12.0 * (middle + apart)), np.sqrt(12.0 * np.maximum(middle - apart, 0.0))
+
+
+def _spread(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Values of the chosen points, and 0 for all others."""
+    spread = np.zeros((len(inside), *values.shape[1:]))
+    spread[inside] = values
+    return spread
