@@ -8,6 +8,7 @@ from warp_scanner.building_changes import of_element, removable
 from warp_scanner.building_files import read_building
 from warp_scanner.building_pairs import BuildingPairConfig, make_building_pairs
 from warp_scanner.building_poses import draw_positions, element_around
+from warp_scanner.buildings import Building
 from warp_scanner.draws import keys
 from warp_scanner.pairs import Pairs, points_of
 from warp_scanner.scan import Rays
@@ -29,9 +30,21 @@ FILES = (
 )
 
 
+def built(folder, parts) -> Building:
+    """The building of these boxes, {name: (size, center)} [m], by way of a mesh file."""
+    scene = trimesh.Scene()
+    for name, (size, center) in parts.items():
+        box = trimesh.creation.box(extents=size).apply_translation(center)
+        scene.add_geometry(box, node_name=name, geom_name=f"geometry {name}")
+    path = folder / "building.glb"
+    path.write_bytes(scene.export(file_type="glb"))
+    return read_building(path)
+
+
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory):
     """A hall of 12 x 8 x 3 m, with two columns and a wall that stands free."""
+    # The storey that stands in for those of the file is the bounding box's floor, 0.2 m under the slab's top.
     parts = {
         "floor": ([12.4, 8.4, 0.2], [0, 0, -0.1]),
         "ceiling": ([12.4, 8.4, 0.2], [0, 0, 3.1]),
@@ -43,15 +56,7 @@ def hall(tmp_path_factory):
         "column a": ([0.5, 0.5, 3], [-2, 0, 1.5]),
         "column b": ([0.4, 0.6, 3], [3, -2, 1.5]),
     }
-    scene = trimesh.Scene()
-    for name, (size, center) in parts.items():
-        box = trimesh.creation.box(extents=size).apply_translation(center)
-        scene.add_geometry(box, node_name=name, geom_name=f"geometry {name}")
-    path = tmp_path_factory.mktemp("hall") / "hall.glb"
-    path.write_bytes(scene.export(file_type="glb"))
-    building = read_building(path)
-    # The storey that stands in for those of the file is the bounding box's floor, 0.2 m under the slab's top.
-    return building
+    return built(tmp_path_factory.mktemp("hall"), parts)
 
 
 def pairs_of(building, count=3, **more) -> Pairs:
@@ -83,6 +88,22 @@ def test_labels_are_true(hall, scenario, condition):
     assert np.all((pairs.observable_fraction >= 0) & (pairs.observable_fraction <= 1))
     furniture = pairs.robot.element > (own if not removed else own - 1)
     assert furniture.any() == (condition == "occluded")
+
+
+def test_a_ray_without_a_return_tests_nothing_of_the_prior(tmp_path):
+    """Columns on a floor under the sky: behind one that is gone lies the floor, or nothing that would return."""
+    ground = {"floor": ([12, 8, 0.2], [0, 0, -0.1])}
+    ground |= {f"column {x}": ([0.5, 0.5, 3], [x, 0, 1.5]) for x in (-4, -1, 2, 5)}
+    building = built(tmp_path, ground)
+    gone = pairs_of(building, scenario="pillar_removed")
+    returned = np.isfinite(gone.robot.distance)
+    assert (gone.changed_dt & ~returned).any() and (gone.changed_dt & gone.testable_dt).any()
+    assert not gone.testable_dt[~returned].any()
+    np.testing.assert_array_equal(gone.testable_dt, returned & (gone.dt.distance + 0.1 < gone.robot.distance))
+    # The other way round a return in front of nothing tells all.
+    come = pairs_of(building, scenario="pillar_added")
+    before_sky = come.changed_robot & np.isinf(come.dt.distance)
+    assert before_sky.any() and come.testable_robot[before_sky].all() and not come.testable_dt.any()
 
 
 def test_removed_elements_are_the_buildings_own(hall):

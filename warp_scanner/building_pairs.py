@@ -3,6 +3,10 @@
 Removed: one of the building's own walls or columns is left out of reality. Added: a box or a cylinder, or a copy of one
 of the building's own, stands in reality only. Furniture stands in the occluded reality only. All of it shares one mesh,
 out of which each scan picks what is there. Positions are offsets from the building's origin, metres, z up; R pairs.
+
+A point of the prior is testable where the robot's ray returns from beyond it, by more than the margin: a ray that does
+not return tells nothing. A point of the robot's is testable where the prior's range, infinite where the prior has
+nothing, exceeds it by more than the margin. Both are told from ranges without noise.
 """
 
 import dataclasses
@@ -195,8 +199,9 @@ def _scanned(config: BuildingPairConfig, trial: _Attempt, view: tuple) -> Pairs:
         (robot.element == trial.changed) if trial.changed >= 0 and not removed else np.zeros_like(changed_dt)
     )
     margin = np.float32(config.testable_margin)
-    # Misses are infinitely far: a ray that hits nothing passed everything, and inf > inf is False.
-    testable_dt, testable_robot = dt.distance + margin < robot.distance, robot.distance + margin < dt.distance
+    # A robot ray without a return tells nothing; where the prior has nothing, its range is infinite.
+    testable_dt = np.isfinite(robot.distance) & (dt.distance + margin < robot.distance)
+    testable_robot = robot.distance + margin < dt.distance
     fraction = np.zeros((1, int(trial.changed >= 0)), np.float32)
     if trial.changed >= 0:
         alone = cast_triangles(trial.scene, rays, np.arange(len(trial.in_prior)) == trial.changed, threads)
