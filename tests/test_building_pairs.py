@@ -1,18 +1,21 @@
 """Pairs of scans of a building: true labels, free poses, and the same whatever else is asked for."""
 
+import itertools
+
 import numpy as np
 import pytest
 import trimesh
 
+from warp_scanner import building_pairs
 from warp_scanner.building_changes import of_element, removable
 from warp_scanner.building_files import read_building
 from warp_scanner.building_pairs import BuildingPairConfig, make_building_pairs
 from warp_scanner.building_poses import draw_positions, element_around
-from warp_scanner.buildings import Building
+from warp_scanner.buildings import Building, Storeys
 from warp_scanner.draws import keys
 from warp_scanner.pairs import Pairs, points_of
 from warp_scanner.scan import Rays
-from warp_scanner.scenarios import SCENARIOS
+from warp_scanner.scenarios import CONDITIONS, SCENARIOS
 from warp_scanner.scenes import PILLAR, WALL
 from warp_scanner.sensors import Pinhole, Standing, rotation_of
 from warp_scanner.triangles import cast_triangles, clearance, prepare
@@ -164,7 +167,7 @@ def test_refuses_what_the_building_lacks_and_wrong_settings(hall, tmp_path):
     scene = trimesh.Scene()
     scene.add_geometry(trimesh.creation.box(extents=[9, 9, 0.2]), node_name="floor")
     path.write_bytes(scene.export(file_type="glb"))
-    with pytest.raises(ValueError, match="needs a building with one of those"):
+    with pytest.raises(ValueError, match="needs a wall at least 1 m high; this building has none"):
         pairs_of(read_building(path), scenario="wall_removed")
     with pytest.raises(ValueError, match="index must be"):
         make_building_pairs(hall, BuildingPairConfig(), np.array([-1]))
@@ -174,14 +177,43 @@ def test_refuses_what_the_building_lacks_and_wrong_settings(hall, tmp_path):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_real_file_yields_pairs(real_building, name):
+def test_every_real_file_yields_every_pair_that_it_can(real_building, name):
     building = real_building(name)
     scene = prepare(building.triangles)
-    for scenario in ("pillar_added", "wall_added", "wall_removed", "pillar_removed"):
-        if scenario == "pillar_removed" and not len(removable(building, PILLAR)):
+    for scenario, condition in itertools.product(SCENARIOS, CONDITIONS):
+        config = BuildingPairConfig(sensor=Pinhole(64, 40), scenario=scenario, condition=condition)
+        removed = scenario.endswith("removed")
+        if removed and not len(removable(building, config.semantic)):
+            with pytest.raises(ValueError, match="needs a pillar at least 1 m high; this building has none"):
+                make_building_pairs(building, config, np.arange(1))
             continue
-        pairs = pairs_of(building, count=2, scenario=scenario, condition="occluded")
-        changed = pairs.changed_dt if scenario.endswith("removed") else pairs.changed_robot
+        pairs = make_building_pairs(building, config, np.arange(2))
+        changed = pairs.changed_dt if removed else pairs.changed_robot
         assert changed.any() and np.all(clearance(scene, pairs.pose.position, 1.0) > 0.3)
+        assert np.all(pairs.box.size < 60.0)  # metres, whatever the file counts in
         rays = Rays(pairs.pose.position, pairs.directions, rotation_of(pairs.pose.yaw, pairs.pose.pitch))
         np.testing.assert_array_equal(cast_triangles(scene, rays).distance, pairs.dt.distance)
+
+
+def test_a_column_that_few_places_see_is_found_soon(tmp_path, monkeypatch):
+    """Out of 101 rooms one has a column: nine in ten places in the building would see none."""
+    monkeypatch.setattr(building_pairs, "_ATTEMPTS", 12)
+    parts = {"floor": ([606, 6, 0.2], [0, 0, -0.1]), "column": ([0.4, 0.4, 3], [60, 1, 1.5])}
+    parts |= {f"wall {row}": ([0.2, 6, 3], [row * 6 - 303, 0, 1.5]) for row in range(102)}
+    pairs = pairs_of(built(tmp_path, parts), count=10, scenario="pillar_removed")
+    assert pairs.changed_dt.any(axis=1).all()
+    assert np.all(np.abs(pairs.pose.position[:, 0] - 60.0) <= 8.2)
+
+
+def test_a_storey_asked_for_holds_the_sensor_and_what_is_removed(tmp_path):
+    parts = {f"floor {z}": ([12, 8, 0.2], [0, 0, z - 0.1]) for z in (0, 3)}
+    parts |= {f"column {z}": ([0.5, 0.5, 2.8], [4 * z - 6, 0, z + 1.4]) for z in (0, 3)}
+    building = built(tmp_path, parts)
+    building = building._replace(storeys=Storeys(("a", "b"), ("a", "b"), np.array([0.0, 3.0])))
+    for storey, name in enumerate(("column 0", "column 3")):
+        added, removed = (
+            pairs_of(building, scenario=f"pillar_{change}", storey=storey) for change in ("added", "removed")
+        )
+        for pairs in (added, removed):
+            np.testing.assert_allclose(pairs.pose.position[:, 2], 3.0 * storey + 1.0, atol=1e-4)
+        assert {building.elements.name[row] for row in removed.box.element.ravel()} == {name}

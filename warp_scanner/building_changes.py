@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_scanner import draws, scenes
-from warp_scanner.buildings import Building, Triangles
+from warp_scanner.buildings import Building, Triangles, element_bounds
 from warp_scanner.footprints import Footprints, join
 from warp_scanner.furniture import FurnitureConfig, Marks, build_furniture, spread_furniture
 from warp_scanner.scan import Rays
@@ -39,10 +39,7 @@ class Change(NamedTuple):
 
 def removable(building: Building, semantic: int) -> np.ndarray:
     """Rows of the elements of that class that are at least 1 m high."""
-    high, low = (np.full(len(building.elements.guid), gap) for gap in (-np.inf, np.inf))
-    z = building.triangles.vertices[building.triangles.faces][..., 2]
-    np.maximum.at(high, building.triangles.element, z.max(axis=1))
-    np.minimum.at(low, building.triangles.element, z.min(axis=1))
+    low, high = (corner[:, 2] for corner in element_bounds(building.triangles))
     return np.flatnonzero((building.elements.semantic == semantic) & (high - low >= _STANDING))
 
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from warp_scanner import draws
 from warp_scanner.building_changes import Change, added_object, furniture_around, of_element, removable
-from warp_scanner.building_poses import draw_positions
-from warp_scanner.buildings import Building, bounds, join
+from warp_scanner.building_poses import draw_positions, storeys_between
+from warp_scanner.buildings import Building, bounds, element_bounds, join
 from warp_scanner.pairs import Pairs, joined
 from warp_scanner.scan import Rays
 from warp_scanner.scenarios import CONDITIONS, SCENARIOS, TrueBox
@@ -65,6 +65,16 @@ class BuildingPairConfig:
         return {"pillar": PILLAR, "wall": WALL}.get(self.scenario.partition("_")[0], NOTHING)
 
 
+class _Site(NamedTuple):
+    """The building, and what of it could be removed."""
+
+    building: Building
+    scene: TriangleScene
+    removable: np.ndarray  # (N,) rows of elements; empty where nothing is to be removed
+    low: np.ndarray  # (N, 3) [m] their bounding boxes
+    high: np.ndarray
+
+
 class _Attempt(NamedTuple):
     """One view with everything that may stand in it."""
 
@@ -97,54 +107,73 @@ def make_building_pairs(
     index = np.asarray(index)
     if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer) or np.any(index < 0):
         raise ValueError(f"index must be (R,) integers of at least 0, got {index.dtype} {index.shape}")
-    if config.scenario.endswith("removed") and not len(removable(building, config.semantic)):
-        raise ValueError(f"scenario {config.scenario} needs a building with one of those; this one has none")
-    scene = prepare(building.triangles)
+    site = _site(building, config)
     if not len(index):
-        one = _make_pair(building, scene, config, (0, threads))
+        one = _make_pair(site, config, (0, threads))
         return Pairs(*(_nobody(field) if name != "directions" else field for name, field in one._asdict().items()))
-    return joined([_make_pair(building, scene, config, (int(number), threads)) for number in index])
+    return joined([_make_pair(site, config, (int(number), threads)) for number in index])
+
+
+def _site(building: Building, config: BuildingPairConfig) -> _Site:
+    low, high = element_bounds(building.triangles)
+    rows = np.zeros(0, int)
+    if config.scenario.endswith("removed"):
+        rows = removable(building, config.semantic)
+        if not len(rows):
+            kind = config.scenario.partition("_")[0]
+            raise ValueError(f"scenario {config.scenario} needs a {kind} at least 1 m high; this building has none")
+        if config.storey is not None:
+            # What reaches into the storey is what is likely seen from there.
+            there = [config.storey in storeys_between(building, low[row, 2], high[row, 2]) for row in rows]
+            rows = rows[there] if any(there) else rows
+    return _Site(building, prepare(building.triangles), rows, low[rows], high[rows])
 
 
 def _nobody(field):
     return type(field)(*map(_nobody, field)) if isinstance(field, tuple) else field[:0]
 
 
-def _make_pair(building: Building, scene: TriangleScene, config: BuildingPairConfig, which: tuple) -> Pairs:
+def _make_pair(site: _Site, config: BuildingPairConfig, which: tuple[int, int | None]) -> Pairs:
     number, threads = which
-    low, high = bounds(building.triangles)
+    low, high = bounds(site.building.triangles)
     extent = (high - low).astype(np.float32)[None]
     for attempt in range(_ATTEMPTS):
         key = draws.keys(config.seed, np.array([number]), attempt)
-        pose, found = draw_positions(building, scene, config.standing, key, config.storey)
+        near = None
+        if len(site.removable):
+            # A column in a large building is seen from few of its places: look for one near it.
+            target = int(draws.uniform(key, "sensor near", 1)[0, 0] * len(site.removable))
+            near = (site.low[target], site.high[target])
+        pose, found = draw_positions(site.building, site.scene, config.standing, key, config.storey, near)
         if not found[0]:
             continue
-        if config.scenario.endswith("removed"):
-            pose = _facing(building, scene, config, pose, key)
+        if len(site.removable) and (pose := _facing(site, config, pose, key)) is None:
+            continue
         rays = Rays(pose.position, config.sensor.directions(), rotation_of(pose.yaw, pose.pitch))
-        trial = _attempt(building, scene, config, (key, pose, rays, threads))
+        trial = _attempt(site, config, (key, pose, rays, threads))
         if trial is not None:
             return _scanned(config, trial, (number, pose, rays, threads, extent))
-    raise RuntimeError(f"no {config.scenario} pair for index {number} in {_ATTEMPTS} attempts; too little free space")
+    why = "too little free space, or nothing of the kind in sight"
+    raise RuntimeError(f"no {config.scenario} pair for index {number} in {_ATTEMPTS} attempts: {why}")
 
 
-def _facing(building: Building, scene: TriangleScene, config: BuildingPairConfig, pose: Pose, key: np.ndarray) -> Pose:
-    """The pose turned so that something that can be removed is in view, if anything around it is."""
+def _facing(site: _Site, config: BuildingPairConfig, pose: Pose, key: np.ndarray) -> Pose | None:
+    """The pose turned so that something that can be removed is in view; None where nothing around it is."""
     angle = np.arange(_RING) * (2.0 * np.pi / _RING)
     ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1).astype(np.float32)
-    element = cast_triangles(scene, Rays(pose.position, ring)).element[0]
-    seen = np.intersect1d(element, removable(building, config.semantic))
+    element = cast_triangles(site.scene, Rays(pose.position, ring)).element[0]
+    seen = np.intersect1d(element, site.removable)
     if not len(seen):
-        return pose
+        return None
     which, where, beside = draws.uniform(key, "facing", 3)[0]
     rays = np.flatnonzero(element == seen[int(which * len(seen))])
     yaw = np.degrees(angle[rays[int(where * len(rays))]]) + (beside - 0.5) * config.sensor.horizontal_fov * 0.7
     return pose._replace(yaw=np.array([(yaw + 180.0) % 360.0 - 180.0], np.float32))
 
 
-def _attempt(building: Building, scene: TriangleScene, config: BuildingPairConfig, view: tuple) -> _Attempt | None:
+def _attempt(site: _Site, config: BuildingPairConfig, view: tuple) -> _Attempt | None:
     """The scene around one pose, or None where the change could not be placed or seen."""
-    key, pose, rays, threads = view
+    (building, scene), (key, pose, rays, threads) = site[:2], view
     own = len(building.elements.guid)
     prior = cast_triangles(scene, rays, threads=threads)
     if not np.isfinite(prior.distance).any():
@@ -153,7 +182,7 @@ def _attempt(building: Building, scene: TriangleScene, config: BuildingPairConfi
     triangles, changed, change = building.triangles, -1, None
     if config.scenario.endswith("removed"):
         seen = np.bincount(prior.element[prior.element >= 0], minlength=own)
-        candidates = [number for number in removable(building, config.semantic) if seen[number] >= least]
+        candidates = [number for number in site.removable if seen[number] >= least]
         if not candidates:
             return None
         changed = candidates[int(draws.uniform(key, "change element", 1)[0, 0] * len(candidates))]

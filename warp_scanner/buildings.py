@@ -150,8 +150,21 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
 
 def bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest coordinates (3,) float32 [m] of all triangles."""
-    used = triangles.vertices[triangles.faces.ravel()]
-    return used.min(axis=0), used.max(axis=0)
+    used = np.ascontiguousarray(triangles.vertices.T)[:, triangles.faces.ravel()]  # long rows reduce fast
+    return used.min(axis=1), used.max(axis=1)
+
+
+def element_bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest coordinates (E, 3) float32 [m] of every element; inf and -inf for one without triangles."""
+    order = np.argsort(triangles.element, kind="stable")
+    present, start = np.unique(triangles.element[order], return_index=True)
+    a, b, c = (triangles.vertices[corner] for corner in triangles.faces[order].T)
+    spans = []
+    for pick, gap in ((np.minimum, np.inf), (np.maximum, -np.inf)):
+        span = np.full((len(triangles.semantic), 3), gap, np.float32)
+        span[present] = pick.reduceat(pick(pick(a, b), c), start)
+        spans.append(span)
+    return spans[0], spans[1]
 
 
 def join(first: Triangles, second: Triangles) -> Triangles:
