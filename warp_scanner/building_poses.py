@@ -31,7 +31,7 @@ def check_position(building: Building, scene: TriangleScene, position: np.ndarra
         ValueError: outside the building, or inside one of its elements.
     """
     point = np.asarray(position, np.float64) - building.origin
-    where = ", ".join(f"{value:g}" for value in position)
+    where = ", ".join(f"{value:.10g}" for value in position)
     if not inside(building, scene, point[None])[0]:
         low, high = (corner + building.origin for corner in bounds(building.triangles))
         spans = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low, high, strict=True))
