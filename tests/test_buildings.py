@@ -115,6 +115,22 @@ def test_national_grid_coordinates_lose_nothing(tmp_path):
     assert building.storeys.elevation[0] + building.origin[2] == pytest.approx(11.0)
 
 
+def test_something_left_at_zero_does_not_cost_the_building_its_place(tmp_path):
+    corner = np.array([192_340.125, 444_123.375, 12.5])
+    lines, box = [], trimesh.creation.box(extents=[4, 5, 3])
+    for number, place in enumerate((corner, corner + np.array([10.0, 0.0625, 0.0]), corner * 0)):
+        lines += [f"o part {number}", *("v {:.6f} {:.6f} {:.6f}".format(*vertex) for vertex in box.vertices + place)]
+        lines += ["f {} {} {}".format(*face) for face in box.faces + 1 + 8 * number]
+    (tmp_path / "stray.obj").write_text("\n".join(lines) + "\n")
+    building = read_building(tmp_path / "stray.obj")
+    corners = building.triangles.vertices[building.triangles.faces]
+    for number, place in enumerate((corner, corner + np.array([10.0, 0.0625, 0.0]))):
+        own = corners[building.triangles.element == building.elements.name.index(f"part {number}")]
+        np.testing.assert_allclose(building.origin + own.min(axis=(0, 1)), place - [2, 2.5, 1.5], rtol=0, atol=1e-6)
+    assert building.notes[0].startswith("1 elements farther than 8.2 km") and "444 km" in building.notes[0]
+    assert "rounded to 0.03 m" in building.notes[0]
+
+
 def test_flat_triangles_are_counted_and_flat_elements_listed(tmp_path):
     path = tmp_path / "flat.obj"
     path.write_text(

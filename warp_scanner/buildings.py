@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 _NEAR = 500.0  # [m] coordinates up to this keep the file's own origin: float32 is exact to 0.03 mm there
+_FAR = 8192.0  # [m] from the origin: beyond it float32 is not exact to half a millimetre
 _THIN = 1e-12  # [m2] twice the area of a triangle that counts as none
 
 
@@ -130,13 +131,13 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
         why = f"; the first of {len(failures)} elements failed because {failures[0].reason}" if failures else ""
         raise ValueError(f"{source}: expected a building with surfaces, found none{why}")
 
-    low = np.min([part.vertices[part.faces].min(axis=(0, 1)) for part in solid], axis=0)
-    high = np.max([part.vertices[part.faces].max(axis=(0, 1)) for part in solid], axis=0)
-    origin = np.zeros(3) if max(-low.min(), high.max()) <= _NEAR else np.rint((low + high) / 2)
-    storeys, notes = found.storeys, list(found.notes)
+    low = np.array([part.vertices[part.faces].min(axis=(0, 1)) for part in solid])
+    high = np.array([part.vertices[part.faces].max(axis=(0, 1)) for part in solid])
+    origin, far = _origin(low, high)
+    storeys, notes = found.storeys, [*found.notes, *far]
     if not storeys.name:
         notes.append("the file has no storeys: the floor of the bounding box stands for one")
-        storeys = Storeys(("",), ("",), low[2:3])
+        storeys = Storeys(("",), ("",), low[:, 2].min(keepdims=True))
         solid = [part._replace(storey=0) for part in solid]
     storeys = storeys._replace(elevation=storeys.elevation - origin[2])
     elements = Elements(
@@ -175,6 +176,20 @@ def join(first: Triangles, second: Triangles) -> Triangles:
         np.concatenate([first.element, second.element + np.int32(len(first.semantic))]),
         np.concatenate([first.semantic, second.semantic]),
     )
+
+
+def _origin(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Where offsets count from, given the elements' bounding boxes (n, 3), and what float32 loses of those far off."""
+    if max(-low.min(), high.max()) <= _NEAR:
+        return np.zeros(3), []
+    # The middle of most: an element that was left behind at the file's zero must not cost the others their places.
+    origin = np.rint(np.median((low + high) / 2, axis=0))
+    reach = np.maximum(origin - low, high - origin).max(axis=1)
+    far, step = np.sum(reach > _FAR), np.spacing(np.float32(reach.max()))
+    if not far:
+        return origin, []
+    where = f"elements farther than {_FAR / 1000:.1f} km from the middle of most, at up to {reach.max() / 1000:.0f} km"
+    return origin, [f"{far} {where}: their positions are rounded to {step:.1g} m"]
 
 
 def _check_part(source: str, part: Part) -> None:
