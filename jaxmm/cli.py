@@ -13,6 +13,10 @@ from jaxmm.inputs import InputError
 
 ENGINES = ("local", "ray")
 THESIS_METHODS = ("released", "nn-raw", "nn", "xyz_nn")
+SCAN_FILES = (
+    ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic) or .csv: the returns with the element of each; "
+    ".npz: every ray, returned or not, and the elements' names"
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -110,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
         "--pose", required=True, metavar="X,Y,Z,YAW[,PITCH]", help="metres in the file's frame, z absolute; degrees"
     )
     command.add_argument("--sensor", default="oak-d-pro", metavar="NAME", help="oak-d-pro (default), oak-d-pro-small")
-    command.add_argument("--out", type=Path, required=True, metavar="FILE", help=".ply, .pcd, .e57, .csv or .npz")
+    command.add_argument("--out", type=Path, required=True, metavar="FILE", help=SCAN_FILES)
     command.add_argument("--open-doors", action="store_true", help="leave doors out")
     command.add_argument("--clear-glass", action="store_true", help="let rays pass through the glass of windows")
     command.add_argument("--y-up", action="store_true", help="y is up in the mesh file")
