@@ -238,10 +238,8 @@ def _scan(options: argparse.Namespace) -> None:
         np.asarray(position), rotation[0], directions, *(field[0] for field in found), building.elements.guid
     )
     clouds.write_scan(options.out, scan)
-    for failure in building.failures:
-        print(f"without a shape: {failure.ifc_class} {failure.name!r} ({failure.guid}): {failure.reason}")
-    for note in building.notes:
-        print(f"note: {note}")
+    for remark in buildings.remarks(building):
+        print(remark)
     hits = int(np.isfinite(scan.distance).sum())
     print(
         f"{hits} returns of {len(directions)} rays, {len(set(scan.element[scan.element >= 0]))} elements: {options.out}"

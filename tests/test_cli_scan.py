@@ -64,6 +64,31 @@ def test_what_cannot_be_scanned_is_one_line(house, tmp_path, refused):
     refused(scan(scene=broken), "broken.ifc", "expected an IFC file")
     refused(scan(out=tmp_path / "broken.ifc" / "scan.ply"), "broken.ifc", code=1)
     assert [path.name for path in tmp_path.iterdir()] == ["broken.ifc"]
+    faces = {"f 1 2 3": "NaN or infinity in 1 of 'mesh.obj'", "": "expected a mesh with faces, found none"}
+    for face, words in faces.items():
+        mesh = tmp_path / "mesh.obj"
+        mesh.write_text(f"v nan 0 0\nv 1 0 0\nv 0 1 0\n{face}\n")
+        refused(scan(scene=mesh), "mesh.obj", words)
+
+
+def test_a_place_on_a_national_grid_is_named_in_full(tmp_path, refused):
+    box = trimesh.creation.box(extents=[4, 4, 3]).apply_translation([155_000.5, 463_000.5, 1.5])
+    path = tmp_path / "far.obj"
+    path.write_text(box.export(file_type="obj", digits=4))
+    refused(
+        ["scan", path, "--pose", "155009.125,463000.5,1.5,0", "--out", tmp_path / "scan.npz"],
+        "pose 155009.125, 463000.5, 1.5 is outside", "154998.50 to 155002.50",
+    )  # fmt: skip
+
+
+def test_says_what_of_a_mesh_is_no_solid_or_was_left_out(tmp_path, capsys):
+    fin = "v 0 0 0\nv 4 0 0\nv 0 4 0\nv 4 4 0\nv 2 2 3\nf 1 2 3\nf 2 4 3\nf 2 3 5\nf 1 1 2\n"
+    (tmp_path / "fin.obj").write_text(f"o floor\n{fin}")
+    arguments = ["scan", tmp_path / "fin.obj", "--pose", "1,0.5,1,45", *HOUSE, "--out", tmp_path / "scan.npz"]
+    assert cli.main([str(argument) for argument in arguments]) == 0
+    flaw, flat, storey, _ = capsys.readouterr().out.splitlines()
+    assert flaw.startswith("not a solid: element 'floor' (floor)") and "two triangles meet in 1 of its edges" in flaw
+    assert flat == "note: 1 triangles without area were left out" and "no storeys" in storey
 
 
 @pytest.mark.parametrize("suffix", ["ply", "pcd", "e57", "csv"])

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 _NEAR = 500.0  # [m] coordinates up to this keep the file's own origin: float32 is exact to 0.03 mm there
+_LIMIT = 1e9  # [m] coordinates beyond this are taken for mistakes
 _FAR = 8192.0  # [m] from the origin: beyond it float32 is not exact to half a millimetre
-_THIN = 1e-12  # [m2] twice the area of a triangle that counts as none
+_THIN = 1e-8  # [m] height of a triangle that counts as none: what float64 leaves of one at national-grid coordinates
 
 
 class Elements(NamedTuple):
@@ -43,7 +44,7 @@ class Storeys(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """An element of the file that has no shape here, and why."""
+    """An element of the file whose shape is missing or not as it should be, and why."""
 
     guid: str
     ifc_class: str
@@ -62,6 +63,7 @@ class Building(NamedTuple):
     zero_area: int  # triangles left out because they have no area
     notes: tuple[str, ...]  # what was assumed or mended, a sentence each
     to_map: np.ndarray | None  # (4, 4) float64 world to map grid [m], where the file is georeferenced
+    flaws: tuple[Failure, ...] = ()  # elements that are there, but whose surface cannot be that of a solid
 
 
 class Part(NamedTuple):
@@ -103,6 +105,7 @@ class Found(NamedTuple):
     failures: tuple[Failure, ...] = ()
     notes: tuple[str, ...] = ()
     to_map: np.ndarray | None = None
+    flaws: tuple[Failure, ...] = ()
 
 
 NO_STOREYS = Storeys((), (), np.zeros(0))
@@ -117,7 +120,8 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
         found: the rest; without storeys the floor of the bounding box stands for one.
 
     Raises:
-        ValueError: no element with a surface; a vertex is NaN or infinite; a face names a vertex that is not there.
+        ValueError: no element with a surface; a vertex is NaN, infinite or beyond 1e9 m; a face names a vertex that
+            is not there.
     """
     for part in parts:
         _check_part(source, part)
@@ -146,7 +150,19 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
         np.array([part.semantic for part in solid], np.uint8),
     )
     triangles = _joined(solid, origin, elements.semantic)
-    return Building(elements, triangles, origin, storeys, tuple(failures), zero_area, tuple(notes), found.to_map)
+    return Building(
+        elements, triangles, origin, storeys, tuple(failures), zero_area, tuple(notes), found.to_map, found.flaws
+    )
+
+
+def remarks(building: Building) -> list[str]:
+    """What a user must know of how the file was read, a line each: what is missing, flawed, left out or assumed."""
+    lines = []
+    for word, elements in (("without a shape", building.failures), ("not a solid", building.flaws)):
+        lines += [f"{word}: {one.ifc_class or 'element'} {one.name!r} ({one.guid}): {one.reason}" for one in elements]
+    if building.zero_area:
+        lines.append(f"note: {building.zero_area} triangles without area were left out")
+    return lines + [f"note: {note}" for note in building.notes]
 
 
 def bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
@@ -196,6 +212,9 @@ def _check_part(source: str, part: Part) -> None:
     bad = ~np.isfinite(part.vertices).all(axis=1)
     if bad.any():
         raise ValueError(f"{source}: expected finite vertices, got NaN or infinity in {bad.sum()} of {part.name!r}")
+    if np.any(np.abs(part.vertices) > _LIMIT):
+        reach = np.abs(part.vertices).max()
+        raise ValueError(f"{source}: expected vertices within {_LIMIT:g} m, got {reach:g} m in {part.name!r}")
     if len(part.faces) and not (0 <= part.faces.min() and part.faces.max() < len(part.vertices)):
         raise ValueError(f"{source}: a face of {part.name!r} names a vertex that is not there")
 
@@ -203,8 +222,10 @@ def _check_part(source: str, part: Part) -> None:
 def _solid(part: Part) -> Part:
     """The part without triangles of zero area."""
     corners = part.vertices[part.faces.reshape(-1, 3)]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return part._replace(faces=part.faces.reshape(-1, 3)[area > _THIN])
+    sides = np.roll(corners, -1, axis=1) - corners
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    return part._replace(faces=part.faces.reshape(-1, 3)[area > _THIN * longest])
 
 
 def _failed(part: Part, reason: str) -> Failure:
