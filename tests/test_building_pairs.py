@@ -135,6 +135,17 @@ def test_added_objects_touch_nothing_and_copies_have_the_size_of_an_original(hal
         assert center[2] - size[2] / 2 == pytest.approx(0.0, abs=1e-4) and size[2] == pytest.approx(3.0, abs=1e-4)
 
 
+def test_nothing_stands_on_furniture(tmp_path):
+    parts = {"floor": ([10, 8, 0.2], [0, 0, -0.1]), "ceiling": ([10, 8, 0.2], [0, 0, 3.1])}
+    parts |= {f"furniture {x}": ([2.4, 7, 0.5], [x, 0, 0.25]) for x in (-3, 0, 3)}
+    pairs = pairs_of(built(tmp_path, parts), count=6, scenario="pillar_added", standing=Standing(height=1.2))
+    np.testing.assert_allclose(pairs.pose.position[:, 2], 1.2, atol=1e-4)
+    np.testing.assert_allclose(pairs.box.size[:, 0, 2], 3.0, atol=1e-4)
+    beside = np.abs(pairs.box.center[:, 0] - np.array([[-3, 0, 0], [0, 0, 0], [3, 0, 0]])[:, None]) - [1.2, 3.5, 0]
+    assert np.all(beside[..., :2].max(axis=-1) > 0.0)  # the middle is above no piece
+    assert np.all(np.abs(pairs.box.center[:, 0, :2]) < [5, 4])  # and inside, though nothing ends the view
+
+
 def test_a_pair_depends_on_nothing_but_its_number_and_conditions_share_the_scene(hall):
     config = BuildingPairConfig(sensor=SENSOR, scenario="wall_added", range_noise=0.01)
     many, one = (make_building_pairs(hall, config, np.array(index)) for index in ([4, 2, 0], [2]))

@@ -1,7 +1,7 @@
 """What can change in a building: walls and columns to take out, to copy or to put in, and furniture to stand around.
 
-Whatever is put in stands free: no triangle of the building is inside it. Positions are offsets from the building's
-origin, metres, z up.
+Whatever is put in stands free on the floor, not on furniture: no triangle of the building is inside it. Positions are
+offsets from the building's origin, metres, z up.
 """
 
 from typing import NamedTuple
@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_scanner import draws, scenes
-from warp_scanner.buildings import Building, Triangles, element_bounds
+from warp_scanner.building_poses import inside
+from warp_scanner.buildings import Building, Triangles, element_bounds, fixed
 from warp_scanner.footprints import Footprints, join
 from warp_scanner.furniture import FurnitureConfig, Marks, build_furniture, spread_furniture
 from warp_scanner.scan import Rays
@@ -58,7 +59,7 @@ def of_element(building: Building, number: int) -> Change:
 def added_object(
     building: Building, scene: TriangleScene, kind: tuple[int, float], view: tuple[Pose, Pinhole], key: np.ndarray
 ) -> Change | None:
-    """A wall or column at a free place in view, from floor to ceiling; None where none fits.
+    """A wall or column at a free place in view and inside the building, from floor to ceiling; None where none fits.
 
     Args:
         building: the building.
@@ -76,14 +77,15 @@ def added_object(
     reach = sight * np.sqrt(draws.uniform(key, "change distance", _TRIES)[0])
     places = position + reach[:, None].astype(np.float64) * heading
     vertical = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], np.float32)
-    room = cast_triangles(scene, Rays(places, vertical)).distance.astype(np.float64)
+    room = cast_triangles(scene, Rays(places, vertical), fixed(scene.triangles)).distance.astype(np.float64)
     floor = np.where(np.isfinite(room[:, 0]), position[2] - room[:, 0], _ground(building, position[2]))
     top = np.where(np.isfinite(room[:, 1]), position[2] + room[:, 1], floor + _OPEN_HEIGHT)
+    indoors = inside(building, scene, places)
     own = removable(building, semantic)
     copies = draws.uniform(key, "change copied", _TRIES)[0] < copied
     chosen = np.floor(draws.uniform(key, "change model", _TRIES)[0] * max(len(own), 1)).astype(int)
     shapes = _shapes(semantic, key)
-    for place in range(_TRIES):
+    for place in np.flatnonzero(indoors):
         foot, height = np.array([*places[place, :2], floor[place]]), top[place] - floor[place]
         # Under a sloping roof nothing reaches the ceiling everywhere: there the usual height has a chance.
         shape = tuple(shape[place] for shape in shapes)

@@ -17,7 +17,7 @@ import numpy as np
 from warp_scanner import draws
 from warp_scanner.building_changes import Change, added_object, furniture_around, of_element, removable
 from warp_scanner.building_poses import draw_positions, storeys_between
-from warp_scanner.buildings import Building, bounds, element_bounds, join
+from warp_scanner.buildings import Building, bounds, element_bounds, fixed, join
 from warp_scanner.pairs import Pairs, joined
 from warp_scanner.scan import Rays
 from warp_scanner.scenarios import CONDITIONS, SCENARIOS, TrueBox
@@ -212,7 +212,7 @@ def _attempt(site: _Site, config: BuildingPairConfig, view: tuple) -> _Attempt |
 def _floor_below(scene: TriangleScene, pose: Pose, standing: Standing) -> float:
     """Height [m] of what the sensor stands above; of a file without floors, of where one would be."""
     down = np.array([[0.0, 0.0, -1.0]], np.float32)
-    drop = float(cast_triangles(scene, Rays(pose.position, down)).distance[0, 0])
+    drop = float(cast_triangles(scene, Rays(pose.position, down), fixed(scene.triangles)).distance[0, 0])
     low, high = standing.height_range
     return float(pose.position[0, 2]) - (drop if drop <= high + 0.1 else (low + high) / 2)
 

@@ -6,7 +6,7 @@ E elements, N points. Positions are offsets from the building's origin, metres, 
 import numpy as np
 
 from warp_scanner import draws
-from warp_scanner.buildings import Building, Triangles, bounds
+from warp_scanner.buildings import Building, Triangles, bounds, fixed
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import CEILING, CHAIR, FLOOR, FURNITURE, PILLAR, TABLE, WALL
 from warp_scanner.sensors import Pose, Standing
@@ -85,8 +85,8 @@ def draw_positions(
 ) -> tuple[Pose, np.ndarray]:
     """Level poses at random free places of the building, looking anywhere.
 
-    A place is free when it lies inside, `standing.height` above the surface below it (of a file without floors:
-    above the storey's elevation), and no triangle is within `standing.gap`.
+    A place is free when it lies inside, `standing.height` above the surface below it (furniture apart; of a file
+    without floors: above the storey's elevation), and no triangle is within `standing.gap`.
 
     Args:
         building: the building.
@@ -120,7 +120,7 @@ def draw_positions(
     good = np.ones(len(points), bool)
     if floored:
         down = np.array([[0.0, 0.0, -1.0]], np.float32)
-        drop = cast_triangles(scene, Rays(points, down)).distance[:, 0].astype(np.float64)
+        drop = cast_triangles(scene, Rays(points, down), fixed(scene.triangles)).distance[:, 0].astype(np.float64)
         floor = points[:, 2] - drop
         good = np.abs(floor - elevation.ravel()) <= _STEP
         points[:, 2] = np.where(good, floor + height, points[:, 2])

@@ -10,7 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from warp_scanner.scenes import CABINET, CARTON, CHAIR, FURNITURE, PERSON, TABLE
+
 _NEAR = 500.0  # [m] coordinates up to this keep the file's own origin: float32 is exact to 0.03 mm there
+_MOVABLE = (TABLE, CHAIR, FURNITURE, CABINET, CARTON, PERSON)
 _LIMIT = 1e9  # [m] coordinates beyond this are taken for mistakes
 _FAR = 8192.0  # [m] from the origin: beyond it float32 is not exact to half a millimetre
 _THIN = 1e-8  # [m] height of a triangle that counts as none: what float64 leaves of one at national-grid coordinates
@@ -182,6 +185,11 @@ def element_bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
         span[present] = pick.reduceat(pick(pick(a, b), c), start)
         spans.append(span)
     return spans[0], spans[1]
+
+
+def fixed(triangles: Triangles) -> np.ndarray:
+    """(E,) bool: what is part of the building; nothing that is added, and no sensor, stands on its furniture."""
+    return ~np.isin(triangles.semantic, _MOVABLE)
 
 
 def join(first: Triangles, second: Triangles) -> Triangles:
