@@ -146,6 +146,17 @@ def test_nothing_stands_on_furniture(tmp_path):
     assert np.all(np.abs(pairs.box.center[:, 0, :2]) < [5, 4])  # and inside, though nothing ends the view
 
 
+def test_furniture_stands_on_the_floor_with_all_its_feet(tmp_path):
+    """On a platform of 4 x 3 m most of what is drawn around the sensor would stand on air."""
+    parts = {"floor": ([4, 3, 0.2], [0, 0, -0.1]), "column": ([0.2, 0.2, 3], [1.8, 1.3, 1.5])}
+    platform = built(tmp_path, parts)
+    pairs = pairs_of(platform, count=8, scenario="unchanged", condition="occluded")
+    furniture = pairs.robot.element >= 2
+    assert furniture.any(axis=1).sum() >= 3
+    points = points_of(pairs.pose, pairs.directions, pairs.robot.distance)[furniture]
+    assert np.all(np.abs(points[:, :2]) < [2, 1.5])
+
+
 def test_a_pair_depends_on_nothing_but_its_number_and_conditions_share_the_scene(hall):
     config = BuildingPairConfig(sensor=SENSOR, scenario="wall_added", range_noise=0.01)
     many, one = (make_building_pairs(hall, config, np.array(index)) for index in ([4, 2, 0], [2]))

@@ -14,7 +14,7 @@ from warp_scanner.buildings import Building, Triangles, element_bounds, fixed
 from warp_scanner.footprints import Footprints, join
 from warp_scanner.furniture import FurnitureConfig, Marks, build_furniture, spread_furniture
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import GAP, WALL, scene_mesh
+from warp_scanner.scenes import CEILING, FLOOR, GAP, WALL, scene_mesh
 from warp_scanner.sensors import Pinhole, Pose
 from warp_scanner.sites import Site
 from warp_scanner.triangles import TriangleScene, cast_triangles, clearance
@@ -232,8 +232,11 @@ def _piece_is_free(scene: TriangleScene, corners: np.ndarray, floor: float) -> b
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     if np.any(clearance(scene, points, 1.0) <= _STEP):
         return False
-    below = cast_triangles(scene, Rays(points[:1], np.array([[0.0, 0.0, -1.0]], np.float32))).distance[0, 0]
-    return bool(np.isinf(below) or abs(points[0, 2] - below - floor) < 0.05)
+    feet = points[points[:, 2] == points[:, 2].min()]
+    below = cast_triangles(scene, Rays(feet, np.array([[0.0, 0.0, -1.0]], np.float32))).distance[:, 0]
+    if not np.isin(scene.triangles.semantic, (FLOOR, CEILING)).any():
+        below = np.where(np.isinf(below), feet[:, 2] - floor, below)  # a file without floors
+    return bool(np.all(np.abs(feet[:, 2] - below - floor) < 0.05))
 
 
 def _steps(low: float, high: float) -> np.ndarray:
