@@ -38,6 +38,14 @@ class Change(NamedTuple):
     semantic: int
 
 
+class _Box(NamedTuple):
+    """Upright; fields as of a Change."""
+
+    center: np.ndarray
+    size: np.ndarray
+    yaw: float
+
+
 def removable(building: Building, semantic: int) -> np.ndarray:
     """Rows of the elements of that class that are at least 1 m high."""
     low, high = (corner[:, 2] for corner in element_bounds(building.triangles))
@@ -89,13 +97,15 @@ def added_object(
         foot, height = np.array([*places[place, :2], floor[place]]), top[place] - floor[place]
         # Under a sloping roof nothing reaches the ceiling everywhere: there the usual height has a chance.
         shape = tuple(shape[place] for shape in shapes)
-        tried = [_parametric(semantic, shape, foot, up) for up in sorted({height, min(height, _OPEN_HEIGHT)})[::-1]]
+        boxes = [_box(shape, foot, up) for up in sorted({height, min(height, _OPEN_HEIGHT)})[::-1]]
+        copy = None
         if copies[place] and len(own):
-            tried = [_moved(of_element(building, own[chosen[place]]), foot)]
-        for change in tried:
+            copy = _moved(of_element(building, own[chosen[place]]), foot)
+            boxes = [_Box(copy.center, copy.size, copy.yaw)]
+        for box in boxes:
             # A copy that is higher than the room would stick out above.
-            if 0.5 < change.size[2] <= height + 1e-3 and _is_apart(change, position) and _is_free(scene, change):
-                return change
+            if 0.5 < box.size[2] <= height + 1e-3 and _is_apart(box, position) and _is_free(scene, box):
+                return copy or _parametric(semantic, box, is_round=shape[3])
     return None
 
 
@@ -157,24 +167,26 @@ def _shapes(semantic: int, key: np.ndarray) -> tuple[np.ndarray, ...]:
     return width, width, turn, draws.uniform(key, "change round", _TRIES)[0] < 0.5
 
 
-def _parametric(semantic: int, shape: tuple, foot: np.ndarray, height: float) -> Change:
+def _box(shape: tuple, foot: np.ndarray, height: float) -> _Box:
+    length, width, yaw, _ = shape
+    return _Box(foot + np.array([0.0, 0.0, height / 2]), np.array([length, width, height]), float(np.degrees(yaw)))
+
+
+def _parametric(semantic: int, box: _Box, is_round: bool) -> Change:
     import trimesh  # slow to import, and casting rays does not need it
 
-    length, width, yaw, is_round = shape
-    height = max(height, 1e-3)  # a place without any height is refused later
     if is_round:
-        mesh = trimesh.creation.cylinder(radius=length / 2, height=height, sections=64)
+        mesh = trimesh.creation.cylinder(radius=box.size[0] / 2, height=box.size[2], sections=64)
     else:
-        mesh = trimesh.creation.box(extents=[length, width, height])
-    turn = trimesh.transformations.rotation_matrix(yaw, [0, 0, 1])
-    center = foot + np.array([0.0, 0.0, height / 2])
-    turn[:3, 3] = center
+        mesh = trimesh.creation.box(extents=box.size)
+    turn = trimesh.transformations.rotation_matrix(np.radians(box.yaw), [0, 0, 1])
+    turn[:3, 3] = box.center
     mesh.apply_transform(turn)
     triangles = Triangles(
         mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), np.zeros(len(mesh.faces), np.int32),
         np.array([semantic], np.uint8),
     )  # fmt: skip
-    return Change(triangles, center, np.array([length, width, height]), float(np.degrees(yaw)), semantic)
+    return Change(triangles, *box, semantic)
 
 
 def _moved(change: Change, foot: np.ndarray) -> Change:
@@ -204,24 +216,24 @@ def _upright_box(triangles: Triangles) -> tuple[np.ndarray, np.ndarray, float]:
     return center, size, float(np.degrees(yaw))
 
 
-def _is_free(scene: TriangleScene, change: Change) -> bool:
+def _is_free(scene: TriangleScene, box: _Box) -> bool:
     """No triangle of the scene is inside the object's box, but for what touches its foot and its top."""
     # Points in steps of 0.2 m and balls of 0.2 m around them cover the box and a little more on every side.
-    x, y = (_steps(-length / 2, length / 2) for length in change.size[:2])
-    z = _steps(min(0.25 - change.size[2] / 2, 0.0), max(change.size[2] / 2 - 0.25, 0.0))
+    x, y = (_steps(-length / 2, length / 2) for length in box.size[:2])
+    z = _steps(min(0.25 - box.size[2] / 2, 0.0), max(box.size[2] / 2 - 0.25, 0.0))
     points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    cosine, sine = np.cos(np.radians(change.yaw)), np.sin(np.radians(change.yaw))
+    cosine, sine = np.cos(np.radians(box.yaw)), np.sin(np.radians(box.yaw))
     turned = np.column_stack(
         [cosine * points[:, 0] - sine * points[:, 1], sine * points[:, 0] + cosine * points[:, 1], points[:, 2]]
     )
-    return bool(np.all(clearance(scene, turned + change.center, 1.0) > _STEP))
+    return bool(np.all(clearance(scene, turned + box.center, 1.0) > _STEP))
 
 
-def _is_apart(change: Change, position: np.ndarray) -> bool:
+def _is_apart(box: _Box, position: np.ndarray) -> bool:
     """The object leaves the sensor the gap that everything else leaves it."""
-    x, y = position[:2] - change.center[:2]
-    cosine, sine = np.cos(np.radians(change.yaw)), np.sin(np.radians(change.yaw))
-    beyond = np.abs([cosine * x + sine * y, cosine * y - sine * x]) - change.size[:2] / 2
+    x, y = position[:2] - box.center[:2]
+    cosine, sine = np.cos(np.radians(box.yaw)), np.sin(np.radians(box.yaw))
+    beyond = np.abs([cosine * x + sine * y, cosine * y - sine * x]) - box.size[:2] / 2
     return bool(np.linalg.norm(np.maximum(beyond, 0.0)) > 0.5)
 
 

@@ -170,8 +170,10 @@ def remarks(building: Building) -> list[str]:
 
 def bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest coordinates (3,) float32 [m] of all triangles."""
-    used = np.ascontiguousarray(triangles.vertices.T)[:, triangles.faces.ravel()]  # long rows reduce fast
-    return used.min(axis=1), used.max(axis=1)
+    used = np.zeros(len(triangles.vertices), bool)
+    used[triangles.faces.ravel()] = True
+    corners = np.ascontiguousarray(triangles.vertices[used].T)  # long rows reduce fast
+    return corners.min(axis=1), corners.max(axis=1)
 
 
 def element_bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
