@@ -13,6 +13,14 @@ from jaxmm.inputs import InputError
 
 ENGINES = ("local", "ray")
 THESIS_METHODS = ("released", "nn-raw", "nn", "xyz_nn")
+SCAN_SENSORS = (
+    "oak-d-pro (default), oak-d-pro-small, velodyne-16, ouster-64 or tls, ideal within its range; with -real behind "
+    "the name it errs as such devices do; or a TOML file"
+)
+SCAN_FILES = (
+    ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic) or .csv: the returns with the element of each; "
+    ".npz: every ray, returned or not, and the elements' names"
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -109,8 +117,9 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--pose", required=True, metavar="X,Y,Z,YAW[,PITCH]", help="metres in the file's frame, z absolute; degrees"
     )
-    command.add_argument("--sensor", default="oak-d-pro", metavar="NAME", help="oak-d-pro (default), oak-d-pro-small")
-    command.add_argument("--out", type=Path, required=True, metavar="FILE", help=".ply, .pcd, .e57, .csv or .npz")
+    command.add_argument("--sensor", default="oak-d-pro", metavar="NAME|FILE", help=SCAN_SENSORS)
+    command.add_argument("--seed", type=int, default=0, metavar="N", help="of the errors of a sensor that errs")
+    command.add_argument("--out", type=Path, required=True, metavar="FILE", help=SCAN_FILES)
     command.add_argument("--open-doors", action="store_true", help="leave doors out")
     command.add_argument("--clear-glass", action="store_true", help="let rays pass through the glass of windows")
     command.add_argument("--y-up", action="store_true", help="y is up in the mesh file")
@@ -210,10 +219,14 @@ def _scan(options: argparse.Namespace) -> None:
     from jaxmm import clouds
     from warp_scanner import building_poses, buildings, sensors
     from warp_scanner.building_files import read_building
+    from warp_scanner.imperfections import imperfect
     from warp_scanner.scan import Rays
-    from warp_scanner.triangles import cast_triangles, prepare
+    from warp_scanner.surface import incidence_of
+    from warp_scanner.triangles import cast_faces, face_normals, prepare
 
     clouds.check_format(options.out)
+    if options.seed < 0:
+        raise InputError(f"--seed: expected at least 0, got {options.seed}")
     position, yaw, pitch = _pose(options.pose)
     try:
         sensor = sensors.sensor_named(options.sensor)
@@ -229,15 +242,16 @@ def _scan(options: argparse.Namespace) -> None:
     except (ValueError, ImportError) as error:
         raise InputError(str(error)) from error
     rotation, directions = sensors.rotation_of([yaw], [pitch]), sensor.directions()
-    found = cast_triangles(scene, Rays(np.array([position - building.origin]), directions, rotation))
+    rays = Rays(np.array([position - building.origin]), directions, rotation)
+    found, face = cast_faces(scene, rays)
+    incidence = incidence_of(face_normals(building.triangles, face), rays)
+    found = imperfect(found, incidence, sensor, options.seed, np.zeros(1, int))
     scan = clouds.SensorScan(
         np.asarray(position), rotation[0], directions, *(field[0] for field in found), building.elements.guid
     )
     clouds.write_scan(options.out, scan)
-    for failure in building.failures:
-        print(f"without a shape: {failure.ifc_class} {failure.name!r} ({failure.guid}): {failure.reason}")
-    for note in building.notes:
-        print(f"note: {note}")
+    for remark in buildings.remarks(building):
+        print(remark)
     hits = int(np.isfinite(scan.distance).sum())
     print(
         f"{hits} returns of {len(directions)} rays, {len(set(scan.element[scan.element >= 0]))} elements: {options.out}"

@@ -1,15 +1,20 @@
 """Scan files: one scan, written as a point cloud (PLY, PCD, E57, CSV) or with its misses (NPZ), whole or not at all.
 
 P rays, N of them with a return. World frame: metres, z up. Text and double precision keep national-grid coordinates.
+A point cloud holds the N returns with the element of each, and but for CSV its class; E57 the GlobalIds of the elements
+as well. Only NPZ holds the rays without a return.
 """
 
+import uuid
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxmm.files import write_arrays, write_atomically, write_text
 from jaxmm.inputs import CSV_COLUMNS, InputError
+
+E57_EXTENSION = "urn:jaxmm:e57:element"  # names what jaxmm: stands for in an E57 file
 
 
 class SensorScan(NamedTuple):
@@ -92,23 +97,67 @@ def _write_pcd(path: Path, scan: SensorScan) -> None:
 
 
 def _write_e57(path: Path, scan: SensorScan) -> None:
-    """Points in the sensor's frame beside its pose, as the format wants them."""
+    """Points in the sensor's frame beside its pose, as the format wants them.
+
+    The standard has no field for what a point belongs to: jaxmm:element and jaxmm:semantic of each point, and
+    jaxmm:guid of the scan with the GlobalIds, are fields of an extension, which other readers pass over.
+    """
     import pye57
 
-    points = local_points(scan)
+    hit, points = np.isfinite(scan.distance), local_points(scan)
+    columns = {f"cartesian{axis}": np.ascontiguousarray(points[:, i]) for i, axis in enumerate("XYZ")}
+    # The one integer that pye57 reads as what it is: it takes every other long for one of 32 bits.
+    columns["jaxmm:element"] = scan.element[hit].astype(np.longlong)
+    columns["jaxmm:semantic"] = scan.semantic[hit].astype(np.longlong)
 
     def write(temporary: Path) -> None:
         file = pye57.E57(str(temporary), mode="w")
         try:
-            file.write_scan_raw(
-                {f"cartesian{axis}": np.ascontiguousarray(points[:, i]) for i, axis in enumerate("XYZ")},
-                rotation=_quaternion(scan.rotation),
-                translation=np.asarray(scan.position, np.float64),
-            )
+            file.image_file.extensionsAdd("jaxmm", E57_EXTENSION)
+            _add_e57_scan(file, scan, columns)
         finally:
             file.close()
 
     write_atomically(path, write)
+
+
+def _add_e57_scan(file: Any, scan: SensorScan, columns: dict[str, np.ndarray]) -> None:
+    """Append one scan of the columns, (N,) each, to an open pye57 file; its own writer knows standard fields only."""
+    from pye57 import libe57
+
+    image = file.image_file
+
+    def structure(**numbers: float) -> Any:
+        node = libe57.StructureNode(image)
+        for name, value in numbers.items():
+            node.set(name, libe57.FloatNode(image, float(value)))
+        return node
+
+    node, pose, guids = structure(), structure(), libe57.VectorNode(image, False)
+    file.data3d.append(node)
+    node.set("guid", libe57.StringNode(image, f"{{{uuid.uuid4()}}}"))
+    node.set("pose", pose)
+    pose.set("rotation", structure(**dict(zip("wxyz", _quaternion(scan.rotation), strict=True))))
+    pose.set("translation", structure(**dict(zip("xyz", scan.position, strict=True))))
+    node.set("jaxmm:guid", guids)
+    for guid in scan.guid:
+        guids.append(libe57.StringNode(image, guid))
+    prototype, buffers = libe57.StructureNode(image), libe57.VectorSourceDestBuffer()
+    for name, column in columns.items():
+        low, high = column.min().item(), column.max().item()
+        if column.dtype == np.longlong:
+            field = libe57.IntegerNode(image, low, low, high)
+        else:
+            field = libe57.FloatNode(image, low, libe57.E57_DOUBLE, low, high)
+        prototype.set(name, field)
+        buffers.append(libe57.SourceDestBuffer(image, name, column, len(column), True, True))
+    table = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
+    node.set("points", table)
+    writer = table.writer(buffers)
+    try:
+        writer.write(len(columns["cartesianX"]))
+    finally:
+        writer.close()  # a writer that outlives its file takes the process with it
 
 
 def _write_csv(path: Path, scan: SensorScan) -> None:

@@ -1,18 +1,22 @@
 """Pairs of scans of a building: true labels, free poses, and the same whatever else is asked for."""
 
+import itertools
+
 import numpy as np
 import pytest
 import trimesh
 
+from warp_scanner import building_pairs
 from warp_scanner.building_changes import of_element, removable
 from warp_scanner.building_files import read_building
 from warp_scanner.building_pairs import BuildingPairConfig, make_building_pairs
 from warp_scanner.building_poses import draw_positions, element_around
+from warp_scanner.buildings import Building, Storeys
 from warp_scanner.draws import keys
 from warp_scanner.pairs import Pairs
 from warp_scanner.points import points_of
 from warp_scanner.scan import Rays
-from warp_scanner.scenarios import SCENARIOS
+from warp_scanner.scenarios import CONDITIONS, SCENARIOS
 from warp_scanner.scenes import PILLAR, WALL
 from warp_scanner.sensors import Pinhole, Standing, rotation_of
 from warp_scanner.triangles import cast_triangles, clearance, prepare
@@ -30,9 +34,21 @@ FILES = (
 )
 
 
+def built(folder, parts) -> Building:
+    """The building of these boxes, {name: (size, center)} [m], by way of a mesh file."""
+    scene = trimesh.Scene()
+    for name, (size, center) in parts.items():
+        box = trimesh.creation.box(extents=size).apply_translation(center)
+        scene.add_geometry(box, node_name=name, geom_name=f"geometry {name}")
+    path = folder / "building.glb"
+    path.write_bytes(scene.export(file_type="glb"))
+    return read_building(path)
+
+
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory):
     """A hall of 12 x 8 x 3 m, with two columns and a wall that stands free."""
+    # The storey that stands in for those of the file is the bounding box's floor, 0.2 m under the slab's top.
     parts = {
         "floor": ([12.4, 8.4, 0.2], [0, 0, -0.1]),
         "ceiling": ([12.4, 8.4, 0.2], [0, 0, 3.1]),
@@ -44,15 +60,7 @@ def hall(tmp_path_factory):
         "column a": ([0.5, 0.5, 3], [-2, 0, 1.5]),
         "column b": ([0.4, 0.6, 3], [3, -2, 1.5]),
     }
-    scene = trimesh.Scene()
-    for name, (size, center) in parts.items():
-        box = trimesh.creation.box(extents=size).apply_translation(center)
-        scene.add_geometry(box, node_name=name, geom_name=f"geometry {name}")
-    path = tmp_path_factory.mktemp("hall") / "hall.glb"
-    path.write_bytes(scene.export(file_type="glb"))
-    building = read_building(path)
-    # The storey that stands in for those of the file is the bounding box's floor, 0.2 m under the slab's top.
-    return building
+    return built(tmp_path_factory.mktemp("hall"), parts)
 
 
 def pairs_of(building, count=3, **more) -> Pairs:
@@ -86,6 +94,22 @@ def test_labels_are_true(hall, scenario, condition):
     assert furniture.any() == (condition == "occluded")
 
 
+def test_a_ray_without_a_return_tests_nothing_of_the_prior(tmp_path):
+    """Columns on a floor under the sky: behind one that is gone lies the floor, or nothing that would return."""
+    ground = {"floor": ([12, 8, 0.2], [0, 0, -0.1])}
+    ground |= {f"column {x}": ([0.5, 0.5, 3], [x, 0, 1.5]) for x in (-4, -1, 2, 5)}
+    building = built(tmp_path, ground)
+    gone = pairs_of(building, scenario="pillar_removed")
+    returned = np.isfinite(gone.robot.distance)
+    assert (gone.changed_dt & ~returned).any() and (gone.changed_dt & gone.testable_dt).any()
+    assert not gone.testable_dt[~returned].any()
+    np.testing.assert_array_equal(gone.testable_dt, returned & (gone.dt.distance + 0.1 < gone.robot.distance))
+    # The other way round a return in front of nothing tells all.
+    come = pairs_of(building, scenario="pillar_added")
+    before_sky = come.changed_robot & np.isinf(come.dt.distance)
+    assert before_sky.any() and come.testable_robot[before_sky].all() and not come.testable_dt.any()
+
+
 def test_removed_elements_are_the_buildings_own(hall):
     pairs = pairs_of(hall, count=8, scenario="pillar_removed")
     found = {hall.elements.name[element] for element in np.unique(pairs.dt.element[pairs.changed_dt])}
@@ -110,6 +134,28 @@ def test_added_objects_touch_nothing_and_copies_have_the_size_of_an_original(hal
         alike = any(np.allclose(np.sort(size), original, atol=1e-5) for original in originals)
         assert alike == (copied == 1.0)
         assert center[2] - size[2] / 2 == pytest.approx(0.0, abs=1e-4) and size[2] == pytest.approx(3.0, abs=1e-4)
+
+
+def test_nothing_stands_on_furniture(tmp_path):
+    parts = {"floor": ([10, 8, 0.2], [0, 0, -0.1]), "ceiling": ([10, 8, 0.2], [0, 0, 3.1])}
+    parts |= {f"furniture {x}": ([2.4, 7, 0.5], [x, 0, 0.25]) for x in (-3, 0, 3)}
+    pairs = pairs_of(built(tmp_path, parts), count=6, scenario="pillar_added", standing=Standing(height=1.2))
+    np.testing.assert_allclose(pairs.pose.position[:, 2], 1.2, atol=1e-4)
+    np.testing.assert_allclose(pairs.box.size[:, 0, 2], 3.0, atol=1e-4)
+    beside = np.abs(pairs.box.center[:, 0] - np.array([[-3, 0, 0], [0, 0, 0], [3, 0, 0]])[:, None]) - [1.2, 3.5, 0]
+    assert np.all(beside[..., :2].max(axis=-1) > 0.0)  # the middle is above no piece
+    assert np.all(np.abs(pairs.box.center[:, 0, :2]) < [5, 4])  # and inside, though nothing ends the view
+
+
+def test_furniture_stands_on_the_floor_with_all_its_feet(tmp_path):
+    """On a platform of 4 x 3 m most of what is drawn around the sensor would stand on air."""
+    parts = {"floor": ([4, 3, 0.2], [0, 0, -0.1]), "column": ([0.2, 0.2, 3], [1.8, 1.3, 1.5])}
+    platform = built(tmp_path, parts)
+    pairs = pairs_of(platform, count=8, scenario="unchanged", condition="occluded")
+    furniture = pairs.robot.element >= 2
+    assert furniture.any(axis=1).sum() >= 3
+    points = points_of(pairs.pose, pairs.directions, pairs.robot.distance)[furniture]
+    assert np.all(np.abs(points[:, :2]) < [2, 1.5])
 
 
 def test_a_pair_depends_on_nothing_but_its_number_and_conditions_share_the_scene(hall):
@@ -144,7 +190,7 @@ def test_refuses_what_the_building_lacks_and_wrong_settings(hall, tmp_path):
     scene = trimesh.Scene()
     scene.add_geometry(trimesh.creation.box(extents=[9, 9, 0.2]), node_name="floor")
     path.write_bytes(scene.export(file_type="glb"))
-    with pytest.raises(ValueError, match="needs a building with one of those"):
+    with pytest.raises(ValueError, match="needs a wall at least 1 m high; this building has none"):
         pairs_of(read_building(path), scenario="wall_removed")
     with pytest.raises(ValueError, match="index must be"):
         make_building_pairs(hall, BuildingPairConfig(), np.array([-1]))
@@ -154,14 +200,43 @@ def test_refuses_what_the_building_lacks_and_wrong_settings(hall, tmp_path):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_real_file_yields_pairs(real_building, name):
+def test_every_real_file_yields_every_pair_that_it_can(real_building, name):
     building = real_building(name)
     scene = prepare(building.triangles)
-    for scenario in ("pillar_added", "wall_added", "wall_removed", "pillar_removed"):
-        if scenario == "pillar_removed" and not len(removable(building, PILLAR)):
+    for scenario, condition in itertools.product(SCENARIOS, CONDITIONS):
+        config = BuildingPairConfig(sensor=Pinhole(64, 40), scenario=scenario, condition=condition)
+        removed = scenario.endswith("removed")
+        if removed and not len(removable(building, config.semantic)):
+            with pytest.raises(ValueError, match="needs a pillar at least 1 m high; this building has none"):
+                make_building_pairs(building, config, np.arange(1))
             continue
-        pairs = pairs_of(building, count=2, scenario=scenario, condition="occluded")
-        changed = pairs.changed_dt if scenario.endswith("removed") else pairs.changed_robot
+        pairs = make_building_pairs(building, config, np.arange(1))
+        changed = pairs.changed_dt if removed else pairs.changed_robot
         assert changed.any() and np.all(clearance(scene, pairs.pose.position, 1.0) > 0.3)
+        assert np.all(pairs.box.size < 60.0)  # metres, whatever the file counts in
         rays = Rays(pairs.pose.position, pairs.directions, rotation_of(pairs.pose.yaw, pairs.pose.pitch))
         np.testing.assert_array_equal(cast_triangles(scene, rays).distance, pairs.dt.distance)
+
+
+def test_a_column_that_few_places_see_is_found_soon(tmp_path, monkeypatch):
+    """Out of 101 rooms one has a column: nine in ten places in the building would see none."""
+    monkeypatch.setattr(building_pairs, "_ATTEMPTS", 12)
+    parts = {"floor": ([606, 6, 0.2], [0, 0, -0.1]), "column": ([0.4, 0.4, 3], [60, 1, 1.5])}
+    parts |= {f"wall {row}": ([0.2, 6, 3], [row * 6 - 303, 0, 1.5]) for row in range(102)}
+    pairs = pairs_of(built(tmp_path, parts), count=10, scenario="pillar_removed")
+    assert pairs.changed_dt.any(axis=1).all()
+    assert np.all(np.abs(pairs.pose.position[:, 0] - 60.0) <= 8.2)
+
+
+def test_a_storey_asked_for_holds_the_sensor_and_what_is_removed(tmp_path):
+    parts = {f"floor {z}": ([12, 8, 0.2], [0, 0, z - 0.1]) for z in (0, 3)}
+    parts |= {f"column {z}": ([0.5, 0.5, 2.8], [4 * z - 6, 0, z + 1.4]) for z in (0, 3)}
+    building = built(tmp_path, parts)
+    building = building._replace(storeys=Storeys(("a", "b"), ("a", "b"), np.array([0.0, 3.0])))
+    for storey, name in enumerate(("column 0", "column 3")):
+        added, removed = (
+            pairs_of(building, scenario=f"pillar_{change}", storey=storey) for change in ("added", "removed")
+        )
+        for pairs in (added, removed):
+            np.testing.assert_allclose(pairs.pose.position[:, 2], 3.0 * storey + 1.0, atol=1e-4)
+        assert {building.elements.name[row] for row in removed.box.element.ravel()} == {name}

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from warp_scanner.building_files import read_building
-from warp_scanner.buildings import ReadOptions, bounds, join
+from warp_scanner.buildings import ReadOptions, bounds, join, remarks
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import DOOR, OTHER, PILLAR, WALL, WINDOW
 from warp_scanner.triangles import cast_triangles, prepare
@@ -115,17 +115,55 @@ def test_national_grid_coordinates_lose_nothing(tmp_path):
     assert building.storeys.elevation[0] + building.origin[2] == pytest.approx(11.0)
 
 
-def test_flat_triangles_are_counted_and_flat_elements_listed(tmp_path):
+def test_something_left_at_zero_does_not_cost_the_building_its_place(tmp_path):
+    corner = np.array([192_340.125, 444_123.375, 12.5])
+    lines, box = [], trimesh.creation.box(extents=[4, 5, 3])
+    for number, place in enumerate((corner, corner + np.array([10.0, 0.0625, 0.0]), corner * 0)):
+        lines += [f"o part {number}", *("v {:.6f} {:.6f} {:.6f}".format(*vertex) for vertex in box.vertices + place)]
+        lines += ["f {} {} {}".format(*face) for face in box.faces + 1 + 8 * number]
+    (tmp_path / "stray.obj").write_text("\n".join(lines) + "\n")
+    building = read_building(tmp_path / "stray.obj")
+    corners = building.triangles.vertices[building.triangles.faces]
+    for number, place in enumerate((corner, corner + np.array([10.0, 0.0625, 0.0]))):
+        own = corners[building.triangles.element == building.elements.name.index(f"part {number}")]
+        np.testing.assert_allclose(building.origin + own.min(axis=(0, 1)), place - [2, 2.5, 1.5], rtol=0, atol=1e-6)
+    assert building.notes[0].startswith("1 elements farther than 8.2 km") and "444 km" in building.notes[0]
+    assert "rounded to 0.03 m" in building.notes[0]
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (192_340.1, 444_123.3, 12.5)])
+def test_flat_triangles_are_counted_and_flat_elements_listed(tmp_path, place):
+    """At national-grid coordinates three points on a line are not quite so."""
+    points = np.array([[0, 0, 0], [0.1, 0.2, 0.3], [0.3, 0.6, 0.9], [1, 0, 0], [0.7, 1.4, 2.1], [0, 0, 0]]) + place
+    vertices = "".join("v {:.6f} {:.6f} {:.6f}\n".format(*point) for point in points)
     path = tmp_path / "flat.obj"
-    path.write_text(
-        "o good\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nf 1 2 3\nf 1 2 4\n"
-        "o flat\nv 5 0 0\nv 6 0 0\nv 7 0 0\nf 5 6 7\n"
-    )  # fmt: skip
+    path.write_text(vertices + "o good\nf 1 2 4\nf 1 2 3\nf 1 6 4\no flat\nf 2 3 5\n")
     building = read_building(path)
-    assert building.zero_area == 2 and len(building.triangles.faces) == 1
+    assert building.zero_area == 3 and len(building.triangles.faces) == 1
     assert [(failure.name, failure.reason) for failure in building.failures] == [
         ("flat", "all its triangles have zero area")
     ]
+    assert remarks(building)[:2] == [
+        "without a shape: element 'flat' (flat): all its triangles have zero area",
+        "note: 3 triangles without area were left out",
+    ]
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb"])
+def test_edges_of_more_than_two_triangles_are_listed_and_scanned(tmp_path, suffix):
+    """Whether the format repeats corners (STL) or not; a fin on an edge of the box, and one triangle drawn twice."""
+    box, path = trimesh.creation.box(extents=[2, 2, 2]), tmp_path / f"box.{suffix}"
+    box.export(path)
+    assert read_building(path).flaws == ()
+    along = np.flatnonzero((box.vertices[:, 0] > 0) & (box.vertices[:, 1] > 0))
+    fin = trimesh.Trimesh(np.vstack([box.vertices, [3, 3, 0]]), [*box.faces, [*along, 8], box.faces[0]], process=False)
+    fin.export(path)
+    building = read_building(path)
+    assert [flaw.reason for flaw in building.flaws] == ["more than two triangles meet in 4 of its edges"]
+    assert remarks(building)[0].startswith("not a solid: element ") and building.failures == ()
+    assert len(building.triangles.faces) == 14
+    hit = cast_triangles(prepare(building.triangles), Rays([[1.5, 5.0, 0.0], [5.0, 0.0, 0.5]], [[0.0, -1.0, 0.0]]))
+    np.testing.assert_allclose(hit.distance, [[3.5], [np.inf]], atol=1e-6)
 
 
 IFC_HEAD = "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\n"
@@ -146,6 +184,9 @@ IFC_END = "ENDSEC;\nEND-ISO-10303-21;\n"
         pytest.param("a.ifc", IFC_HEAD + "FILE_SCHEMA(('X9'));\n" + IFC_END, "not a readable IFC", id="unknown schema"),
         pytest.param("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "faces, found none", id="no faces"),
         pytest.param("a.obj", "v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "NaN or infinity in 1", id="NaN"),
+        pytest.param(
+            "a.obj", "v 1e200 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", r"within 1e\+09 m, got 1e\+200", id="too far"
+        ),
         pytest.param("a.obj", "v 0 0 0\nv 0 0 0\nv 0 1 0\nf 1 2 3\n", "zero area", id="only flat triangles"),
         pytest.param("a.glb", "glTFxxxx", "not a readable mesh", id="damaged GLB"),
         pytest.param("a.ply", "ply\nformat ascii 1.0\nelement vertex 3\n", "a.ply", id="damaged PLY"),

@@ -56,8 +56,19 @@ def read_e57(path):
     header = file.get_header(0)
     np.testing.assert_allclose(header.translation, GRID)
     data = file.read_scan(0, ignore_missing_fields=True)
+    raw = file.read_scan_raw(0, ignore_unsupported_fields=True)
+    assert len(raw["cartesianX"]) == len(data["cartesianX"]) == header.point_count
+    assert file.image_file.extensionsUri(1) == clouds.E57_EXTENSION
+    columns = {name: np.zeros(header.point_count, np.longlong) for name in ("jaxmm:element", "jaxmm:semantic")}
+    buffers = pye57.libe57.VectorSourceDestBuffer()
+    for name, column in columns.items():
+        buffers.append(pye57.libe57.SourceDestBuffer(file.image_file, name, column, len(column), True, True))
+    header.points.reader(buffers).read()
+    guids = header.node["jaxmm:guid"]
+    assert [guids[row].value() for row in range(guids.childCount())] == ["a", "b", "c"]
+    assert set(columns["jaxmm:semantic"]) == {3}
     file.close()
-    return np.stack([data[f"cartesian{axis}"] for axis in "XYZ"], axis=1), None
+    return np.stack([data[f"cartesian{axis}"] for axis in "XYZ"], axis=1), columns["jaxmm:element"]
 
 
 def read_csv(path):
@@ -73,8 +84,7 @@ def test_other_readers_find_the_same_points_and_elements(scan, tmp_path, reader)
     clouds.write_scan(path, scan)
     points, element = reader(path)
     np.testing.assert_allclose(points, expected_points(scan), rtol=0, atol=1e-6)
-    if element is not None:
-        np.testing.assert_array_equal(element, scan.element[np.isfinite(scan.distance)])
+    np.testing.assert_array_equal(element, scan.element[np.isfinite(scan.distance)])
     assert [path.name for path in tmp_path.iterdir()] == [path.name]
 
 

@@ -1,7 +1,7 @@
 """What can change in a building: walls and columns to take out, to copy or to put in, and furniture to stand around.
 
-Whatever is put in stands free: no triangle of the building is inside it. Positions are offsets from the building's
-origin, metres, z up.
+Whatever is put in stands free on the floor, not on furniture: no triangle of the building is inside it. Positions are
+offsets from the building's origin, metres, z up.
 """
 
 from typing import NamedTuple
@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_scanner import draws, scenes
-from warp_scanner.buildings import Building, Triangles
+from warp_scanner.building_poses import inside
+from warp_scanner.buildings import Building, Triangles, element_bounds, fixed
 from warp_scanner.footprints import Footprints, join
 from warp_scanner.furniture import FurnitureConfig, Marks, build_furniture, spread_furniture
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import GAP, WALL, scene_mesh
+from warp_scanner.scenes import CEILING, FLOOR, GAP, WALL, scene_mesh
 from warp_scanner.sensors import Pinhole, Pose
 from warp_scanner.sites import Site
 from warp_scanner.triangles import TriangleScene, cast_triangles, clearance
@@ -37,12 +38,17 @@ class Change(NamedTuple):
     semantic: int
 
 
+class _Box(NamedTuple):
+    """Upright; fields as of a Change."""
+
+    center: np.ndarray
+    size: np.ndarray
+    yaw: float
+
+
 def removable(building: Building, semantic: int) -> np.ndarray:
     """Rows of the elements of that class that are at least 1 m high."""
-    high, low = (np.full(len(building.elements.guid), gap) for gap in (-np.inf, np.inf))
-    z = building.triangles.vertices[building.triangles.faces][..., 2]
-    np.maximum.at(high, building.triangles.element, z.max(axis=1))
-    np.minimum.at(low, building.triangles.element, z.min(axis=1))
+    low, high = (corner[:, 2] for corner in element_bounds(building.triangles))
     return np.flatnonzero((building.elements.semantic == semantic) & (high - low >= _STANDING))
 
 
@@ -61,7 +67,7 @@ def of_element(building: Building, number: int) -> Change:
 def added_object(
     building: Building, scene: TriangleScene, kind: tuple[int, float], view: tuple[Pose, Pinhole], key: np.ndarray
 ) -> Change | None:
-    """A wall or column at a free place in view, from floor to ceiling; None where none fits.
+    """A wall or column at a free place in view and inside the building, from floor to ceiling; None where none fits.
 
     Args:
         building: the building.
@@ -79,24 +85,27 @@ def added_object(
     reach = sight * np.sqrt(draws.uniform(key, "change distance", _TRIES)[0])
     places = position + reach[:, None].astype(np.float64) * heading
     vertical = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], np.float32)
-    room = cast_triangles(scene, Rays(places, vertical)).distance.astype(np.float64)
+    room = cast_triangles(scene, Rays(places, vertical), fixed(scene.triangles)).distance.astype(np.float64)
     floor = np.where(np.isfinite(room[:, 0]), position[2] - room[:, 0], _ground(building, position[2]))
     top = np.where(np.isfinite(room[:, 1]), position[2] + room[:, 1], floor + _OPEN_HEIGHT)
+    indoors = inside(building, scene, places)
     own = removable(building, semantic)
     copies = draws.uniform(key, "change copied", _TRIES)[0] < copied
     chosen = np.floor(draws.uniform(key, "change model", _TRIES)[0] * max(len(own), 1)).astype(int)
     shapes = _shapes(semantic, key)
-    for place in range(_TRIES):
+    for place in np.flatnonzero(indoors):
         foot, height = np.array([*places[place, :2], floor[place]]), top[place] - floor[place]
         # Under a sloping roof nothing reaches the ceiling everywhere: there the usual height has a chance.
         shape = tuple(shape[place] for shape in shapes)
-        tried = [_parametric(semantic, shape, foot, up) for up in sorted({height, min(height, _OPEN_HEIGHT)})[::-1]]
+        boxes = [_box(shape, foot, up) for up in sorted({height, min(height, _OPEN_HEIGHT)})[::-1]]
+        copy = None
         if copies[place] and len(own):
-            tried = [_moved(of_element(building, own[chosen[place]]), foot)]
-        for change in tried:
+            copy = _moved(of_element(building, own[chosen[place]]), foot)
+            boxes = [_Box(copy.center, copy.size, copy.yaw)]
+        for box in boxes:
             # A copy that is higher than the room would stick out above.
-            if 0.5 < change.size[2] <= height + 1e-3 and _is_apart(change, position) and _is_free(scene, change):
-                return change
+            if 0.5 < box.size[2] <= height + 1e-3 and _is_apart(box, position) and _is_free(scene, box):
+                return copy or _parametric(semantic, box, is_round=shape[3])
     return None
 
 
@@ -158,24 +167,26 @@ def _shapes(semantic: int, key: np.ndarray) -> tuple[np.ndarray, ...]:
     return width, width, turn, draws.uniform(key, "change round", _TRIES)[0] < 0.5
 
 
-def _parametric(semantic: int, shape: tuple, foot: np.ndarray, height: float) -> Change:
+def _box(shape: tuple, foot: np.ndarray, height: float) -> _Box:
+    length, width, yaw, _ = shape
+    return _Box(foot + np.array([0.0, 0.0, height / 2]), np.array([length, width, height]), float(np.degrees(yaw)))
+
+
+def _parametric(semantic: int, box: _Box, is_round: bool) -> Change:
     import trimesh  # slow to import, and casting rays does not need it
 
-    length, width, yaw, is_round = shape
-    height = max(height, 1e-3)  # a place without any height is refused later
     if is_round:
-        mesh = trimesh.creation.cylinder(radius=length / 2, height=height, sections=64)
+        mesh = trimesh.creation.cylinder(radius=box.size[0] / 2, height=box.size[2], sections=64)
     else:
-        mesh = trimesh.creation.box(extents=[length, width, height])
-    turn = trimesh.transformations.rotation_matrix(yaw, [0, 0, 1])
-    center = foot + np.array([0.0, 0.0, height / 2])
-    turn[:3, 3] = center
+        mesh = trimesh.creation.box(extents=box.size)
+    turn = trimesh.transformations.rotation_matrix(np.radians(box.yaw), [0, 0, 1])
+    turn[:3, 3] = box.center
     mesh.apply_transform(turn)
     triangles = Triangles(
         mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), np.zeros(len(mesh.faces), np.int32),
         np.array([semantic], np.uint8),
     )  # fmt: skip
-    return Change(triangles, center, np.array([length, width, height]), float(np.degrees(yaw)), semantic)
+    return Change(triangles, *box, semantic)
 
 
 def _moved(change: Change, foot: np.ndarray) -> Change:
@@ -205,24 +216,24 @@ def _upright_box(triangles: Triangles) -> tuple[np.ndarray, np.ndarray, float]:
     return center, size, float(np.degrees(yaw))
 
 
-def _is_free(scene: TriangleScene, change: Change) -> bool:
+def _is_free(scene: TriangleScene, box: _Box) -> bool:
     """No triangle of the scene is inside the object's box, but for what touches its foot and its top."""
     # Points in steps of 0.2 m and balls of 0.2 m around them cover the box and a little more on every side.
-    x, y = (_steps(-length / 2, length / 2) for length in change.size[:2])
-    z = _steps(min(0.25 - change.size[2] / 2, 0.0), max(change.size[2] / 2 - 0.25, 0.0))
+    x, y = (_steps(-length / 2, length / 2) for length in box.size[:2])
+    z = _steps(min(0.25 - box.size[2] / 2, 0.0), max(box.size[2] / 2 - 0.25, 0.0))
     points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    cosine, sine = np.cos(np.radians(change.yaw)), np.sin(np.radians(change.yaw))
+    cosine, sine = np.cos(np.radians(box.yaw)), np.sin(np.radians(box.yaw))
     turned = np.column_stack(
         [cosine * points[:, 0] - sine * points[:, 1], sine * points[:, 0] + cosine * points[:, 1], points[:, 2]]
     )
-    return bool(np.all(clearance(scene, turned + change.center, 1.0) > _STEP))
+    return bool(np.all(clearance(scene, turned + box.center, 1.0) > _STEP))
 
 
-def _is_apart(change: Change, position: np.ndarray) -> bool:
+def _is_apart(box: _Box, position: np.ndarray) -> bool:
     """The object leaves the sensor the gap that everything else leaves it."""
-    x, y = position[:2] - change.center[:2]
-    cosine, sine = np.cos(np.radians(change.yaw)), np.sin(np.radians(change.yaw))
-    beyond = np.abs([cosine * x + sine * y, cosine * y - sine * x]) - change.size[:2] / 2
+    x, y = position[:2] - box.center[:2]
+    cosine, sine = np.cos(np.radians(box.yaw)), np.sin(np.radians(box.yaw))
+    beyond = np.abs([cosine * x + sine * y, cosine * y - sine * x]) - box.size[:2] / 2
     return bool(np.linalg.norm(np.maximum(beyond, 0.0)) > 0.5)
 
 
@@ -233,8 +244,11 @@ def _piece_is_free(scene: TriangleScene, corners: np.ndarray, floor: float) -> b
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     if np.any(clearance(scene, points, 1.0) <= _STEP):
         return False
-    below = cast_triangles(scene, Rays(points[:1], np.array([[0.0, 0.0, -1.0]], np.float32))).distance[0, 0]
-    return bool(np.isinf(below) or abs(points[0, 2] - below - floor) < 0.05)
+    feet = points[points[:, 2] == points[:, 2].min()]
+    below = cast_triangles(scene, Rays(feet, np.array([[0.0, 0.0, -1.0]], np.float32))).distance[:, 0]
+    if not np.isin(scene.triangles.semantic, (FLOOR, CEILING)).any():
+        below = np.where(np.isinf(below), feet[:, 2] - floor, below)  # a file without floors
+    return bool(np.all(np.abs(feet[:, 2] - below - floor) < 0.05))
 
 
 def _steps(low: float, high: float) -> np.ndarray:

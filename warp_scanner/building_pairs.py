@@ -3,6 +3,10 @@
 Removed: one of the building's own walls or columns is left out of reality. Added: a box or a cylinder, or a copy of one
 of the building's own, stands in reality only. Furniture stands in the occluded reality only. All of it shares one mesh,
 out of which each scan picks what is there. Positions are offsets from the building's origin, metres, z up; R pairs.
+
+A point of the prior is testable where the robot's ray returns from beyond it, by more than the margin: a ray that does
+not return tells nothing. A point of the robot's is testable where the prior's range, infinite where the prior has
+nothing, exceeds it by more than the margin. Both are told from ranges without noise.
 """
 
 import dataclasses
@@ -12,8 +16,8 @@ import numpy as np
 
 from warp_scanner import draws
 from warp_scanner.building_changes import Change, added_object, furniture_around, of_element, removable
-from warp_scanner.building_poses import draw_positions
-from warp_scanner.buildings import Building, bounds, join
+from warp_scanner.building_poses import draw_positions, storeys_between
+from warp_scanner.buildings import Building, bounds, element_bounds, fixed, join
 from warp_scanner.pairs import Pairs, joined
 from warp_scanner.scan import Rays
 from warp_scanner.scenarios import CONDITIONS, SCENARIOS, TrueBox
@@ -61,6 +65,16 @@ class BuildingPairConfig:
         return {"pillar": PILLAR, "wall": WALL}.get(self.scenario.partition("_")[0], NOTHING)
 
 
+class _Site(NamedTuple):
+    """The building, and what of it could be removed."""
+
+    building: Building
+    scene: TriangleScene
+    removable: np.ndarray  # (N,) rows of elements; empty where nothing is to be removed
+    low: np.ndarray  # (N, 3) [m] their bounding boxes
+    high: np.ndarray
+
+
 class _Attempt(NamedTuple):
     """One view with everything that may stand in it."""
 
@@ -93,54 +107,73 @@ def make_building_pairs(
     index = np.asarray(index)
     if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer) or np.any(index < 0):
         raise ValueError(f"index must be (R,) integers of at least 0, got {index.dtype} {index.shape}")
-    if config.scenario.endswith("removed") and not len(removable(building, config.semantic)):
-        raise ValueError(f"scenario {config.scenario} needs a building with one of those; this one has none")
-    scene = prepare(building.triangles)
+    site = _site(building, config)
     if not len(index):
-        one = _make_pair(building, scene, config, (0, threads))
+        one = _make_pair(site, config, (0, threads))
         return Pairs(*(_nobody(field) if name != "directions" else field for name, field in one._asdict().items()))
-    return joined([_make_pair(building, scene, config, (int(number), threads)) for number in index])
+    return joined([_make_pair(site, config, (int(number), threads)) for number in index])
+
+
+def _site(building: Building, config: BuildingPairConfig) -> _Site:
+    low, high = element_bounds(building.triangles)
+    rows = np.zeros(0, int)
+    if config.scenario.endswith("removed"):
+        rows = removable(building, config.semantic)
+        if not len(rows):
+            kind = config.scenario.partition("_")[0]
+            raise ValueError(f"scenario {config.scenario} needs a {kind} at least 1 m high; this building has none")
+        if config.storey is not None:
+            # What reaches into the storey is what is likely seen from there.
+            there = [config.storey in storeys_between(building, low[row, 2], high[row, 2]) for row in rows]
+            rows = rows[there] if any(there) else rows
+    return _Site(building, prepare(building.triangles), rows, low[rows], high[rows])
 
 
 def _nobody(field):
     return type(field)(*map(_nobody, field)) if isinstance(field, tuple) else field[:0]
 
 
-def _make_pair(building: Building, scene: TriangleScene, config: BuildingPairConfig, which: tuple) -> Pairs:
+def _make_pair(site: _Site, config: BuildingPairConfig, which: tuple[int, int | None]) -> Pairs:
     number, threads = which
-    low, high = bounds(building.triangles)
+    low, high = bounds(site.building.triangles)
     extent = (high - low).astype(np.float32)[None]
     for attempt in range(_ATTEMPTS):
         key = draws.keys(config.seed, np.array([number]), attempt)
-        pose, found = draw_positions(building, scene, config.standing, key, config.storey)
+        near = None
+        if len(site.removable):
+            # A column in a large building is seen from few of its places: look for one near it.
+            target = int(draws.uniform(key, "sensor near", 1)[0, 0] * len(site.removable))
+            near = (site.low[target], site.high[target])
+        pose, found = draw_positions(site.building, site.scene, config.standing, key, config.storey, near)
         if not found[0]:
             continue
-        if config.scenario.endswith("removed"):
-            pose = _facing(building, scene, config, pose, key)
+        if len(site.removable) and (pose := _facing(site, config, pose, key)) is None:
+            continue
         rays = Rays(pose.position, config.sensor.directions(), rotation_of(pose.yaw, pose.pitch))
-        trial = _attempt(building, scene, config, (key, pose, rays, threads))
+        trial = _attempt(site, config, (key, pose, rays, threads))
         if trial is not None:
             return _scanned(config, trial, (number, pose, rays, threads, extent))
-    raise RuntimeError(f"no {config.scenario} pair for index {number} in {_ATTEMPTS} attempts; too little free space")
+    why = "too little free space, or nothing of the kind in sight"
+    raise RuntimeError(f"no {config.scenario} pair for index {number} in {_ATTEMPTS} attempts: {why}")
 
 
-def _facing(building: Building, scene: TriangleScene, config: BuildingPairConfig, pose: Pose, key: np.ndarray) -> Pose:
-    """The pose turned so that something that can be removed is in view, if anything around it is."""
+def _facing(site: _Site, config: BuildingPairConfig, pose: Pose, key: np.ndarray) -> Pose | None:
+    """The pose turned so that something that can be removed is in view; None where nothing around it is."""
     angle = np.arange(_RING) * (2.0 * np.pi / _RING)
     ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1).astype(np.float32)
-    element = cast_triangles(scene, Rays(pose.position, ring)).element[0]
-    seen = np.intersect1d(element, removable(building, config.semantic))
+    element = cast_triangles(site.scene, Rays(pose.position, ring)).element[0]
+    seen = np.intersect1d(element, site.removable)
     if not len(seen):
-        return pose
+        return None
     which, where, beside = draws.uniform(key, "facing", 3)[0]
     rays = np.flatnonzero(element == seen[int(which * len(seen))])
     yaw = np.degrees(angle[rays[int(where * len(rays))]]) + (beside - 0.5) * config.sensor.horizontal_fov * 0.7
     return pose._replace(yaw=np.array([(yaw + 180.0) % 360.0 - 180.0], np.float32))
 
 
-def _attempt(building: Building, scene: TriangleScene, config: BuildingPairConfig, view: tuple) -> _Attempt | None:
+def _attempt(site: _Site, config: BuildingPairConfig, view: tuple) -> _Attempt | None:
     """The scene around one pose, or None where the change could not be placed or seen."""
-    key, pose, rays, threads = view
+    (building, scene), (key, pose, rays, threads) = site[:2], view
     own = len(building.elements.guid)
     prior = cast_triangles(scene, rays, threads=threads)
     if not np.isfinite(prior.distance).any():
@@ -149,7 +182,7 @@ def _attempt(building: Building, scene: TriangleScene, config: BuildingPairConfi
     triangles, changed, change = building.triangles, -1, None
     if config.scenario.endswith("removed"):
         seen = np.bincount(prior.element[prior.element >= 0], minlength=own)
-        candidates = [number for number in removable(building, config.semantic) if seen[number] >= least]
+        candidates = [number for number in site.removable if seen[number] >= least]
         if not candidates:
             return None
         changed = candidates[int(draws.uniform(key, "change element", 1)[0, 0] * len(candidates))]
@@ -179,7 +212,7 @@ def _attempt(building: Building, scene: TriangleScene, config: BuildingPairConfi
 def _floor_below(scene: TriangleScene, pose: Pose, standing: Standing) -> float:
     """Height [m] of what the sensor stands above; of a file without floors, of where one would be."""
     down = np.array([[0.0, 0.0, -1.0]], np.float32)
-    drop = float(cast_triangles(scene, Rays(pose.position, down)).distance[0, 0])
+    drop = float(cast_triangles(scene, Rays(pose.position, down), fixed(scene.triangles)).distance[0, 0])
     low, high = standing.height_range
     return float(pose.position[0, 2]) - (drop if drop <= high + 0.1 else (low + high) / 2)
 
@@ -195,8 +228,9 @@ def _scanned(config: BuildingPairConfig, trial: _Attempt, view: tuple) -> Pairs:
         (robot.element == trial.changed) if trial.changed >= 0 and not removed else np.zeros_like(changed_dt)
     )
     margin = np.float32(config.testable_margin)
-    # Misses are infinitely far: a ray that hits nothing passed everything, and inf > inf is False.
-    testable_dt, testable_robot = dt.distance + margin < robot.distance, robot.distance + margin < dt.distance
+    # A robot ray without a return tells nothing; where the prior has nothing, its range is infinite.
+    testable_dt = np.isfinite(robot.distance) & (dt.distance + margin < robot.distance)
+    testable_robot = robot.distance + margin < dt.distance
     fraction = np.zeros((1, int(trial.changed >= 0)), np.float32)
     if trial.changed >= 0:
         alone = cast_triangles(trial.scene, rays, np.arange(len(trial.in_prior)) == trial.changed, threads)

@@ -6,7 +6,7 @@ E elements, N points. Positions are offsets from the building's origin, metres, 
 import numpy as np
 
 from warp_scanner import draws
-from warp_scanner.buildings import Building, Triangles, bounds
+from warp_scanner.buildings import Building, Triangles, bounds, fixed
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import CEILING, CHAIR, FLOOR, FURNITURE, PILLAR, TABLE, WALL
 from warp_scanner.sensors import Pose, Standing
@@ -16,6 +16,7 @@ _SOLID = (WALL, PILLAR, FLOOR, CEILING, TABLE, CHAIR, FURNITURE)  # what nobody 
 _BESIDE = 2.0  # [m] around a file that holds neither floors nor ceilings, and so has no inside
 _STOREY_HEIGHT = 2.5  # [m] of the highest storey, if nothing above tells
 _STEP = 0.6  # [m] a floor may lie above or below its storey's elevation
+_AROUND = 8.0  # [m] at most beside what a sensor is to stand near
 
 
 def check_position(building: Building, scene: TriangleScene, position: np.ndarray) -> None:
@@ -30,7 +31,7 @@ def check_position(building: Building, scene: TriangleScene, position: np.ndarra
         ValueError: outside the building, or inside one of its elements.
     """
     point = np.asarray(position, np.float64) - building.origin
-    where = ", ".join(f"{value:g}" for value in position)
+    where = ", ".join(f"{value:.10g}" for value in position)
     if not inside(building, scene, point[None])[0]:
         low, high = (corner + building.origin for corner in bounds(building.triangles))
         spans = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low, high, strict=True))
@@ -75,12 +76,17 @@ def element_around(triangles: Triangles, point: np.ndarray) -> int:
 
 
 def draw_positions(
-    building: Building, scene: TriangleScene, standing: Standing, key: np.ndarray, storey: int | None = None
+    building: Building,
+    scene: TriangleScene,
+    standing: Standing,
+    key: np.ndarray,
+    storey: int | None = None,
+    near: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[Pose, np.ndarray]:
     """Level poses at random free places of the building, looking anywhere.
 
-    A place is free when it lies inside, `standing.height` above the surface below it (of a file without floors:
-    above the storey's elevation), and no triangle is within `standing.gap`.
+    A place is free when it lies inside, `standing.height` above the surface below it (furniture apart; of a file
+    without floors: above the storey's elevation), and no triangle is within `standing.gap`.
 
     Args:
         building: the building.
@@ -88,6 +94,8 @@ def draw_positions(
         standing: heights, pitches, gap and number of tries.
         key: (R,) uint64 from draws.keys.
         storey: row of the storey table; None draws from all.
+        near: least and greatest coordinates (3,) of a box that all places are near: at most 8 m beside it, and on a
+            storey that it reaches into if there is one; None draws from the whole building.
 
     Returns:
         The poses of R views, and (R,) bool: False where no free place was found and the pose means nothing.
@@ -96,9 +104,15 @@ def draw_positions(
     low, high = (corner.astype(np.float64) for corner in bounds(building.triangles))
     floored = bool(np.isin(building.elements.semantic, (FLOOR, CEILING)).any())
     margin = 0.0 if floored else _BESIDE
-    x, y = (draws.between(key, f"sensor {axis}", (low[axis] - margin, high[axis] + margin), tries) for axis in (0, 1))
-    chosen = np.floor(draws.uniform(key, "sensor storey", tries) * len(building.storeys.name)).astype(int)
-    chosen = chosen if storey is None else np.full_like(chosen, storey)
+    low, high = low - margin, high + margin
+    rows = np.arange(len(building.storeys.name))
+    if near is not None:
+        low, high = np.maximum(low, near[0] - _AROUND), np.minimum(high, near[1] + _AROUND)
+        reached = storeys_between(building, float(near[0][2]), float(near[1][2]))
+        rows = reached if len(reached) else rows
+    rows = rows if storey is None else np.array([storey])
+    x, y = (draws.between(key, f"sensor {axis}", (low[axis], high[axis]), tries) for axis in (0, 1))
+    chosen = rows[np.floor(draws.uniform(key, "sensor storey", tries) * len(rows)).astype(int)]
     elevation = building.storeys.elevation[chosen]
     top = _tops(building)[chosen]
     height = draws.between(key, "sensor height", standing.height_range, tries).ravel()
@@ -106,7 +120,7 @@ def draw_positions(
     good = np.ones(len(points), bool)
     if floored:
         down = np.array([[0.0, 0.0, -1.0]], np.float32)
-        drop = cast_triangles(scene, Rays(points, down)).distance[:, 0].astype(np.float64)
+        drop = cast_triangles(scene, Rays(points, down), fixed(scene.triangles)).distance[:, 0].astype(np.float64)
         floor = points[:, 2] - drop
         good = np.abs(floor - elevation.ravel()) <= _STEP
         points[:, 2] = np.where(good, floor + height, points[:, 2])
@@ -136,6 +150,11 @@ def _first_free(triangles: Triangles, points: np.ndarray, good: np.ndarray) -> n
                 first[view] = place
                 break
     return first
+
+
+def storeys_between(building: Building, low: float, high: float) -> np.ndarray:
+    """Rows of the storeys that heights from `low` to `high` [m] reach into by more than a floor's thickness."""
+    return np.flatnonzero((building.storeys.elevation + _STEP < high) & (_tops(building) - _STEP > low))
 
 
 def _tops(building: Building) -> np.ndarray:

@@ -10,8 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from warp_scanner.scenes import CABINET, CARTON, CHAIR, FURNITURE, PERSON, TABLE
+
 _NEAR = 500.0  # [m] coordinates up to this keep the file's own origin: float32 is exact to 0.03 mm there
-_THIN = 1e-12  # [m2] twice the area of a triangle that counts as none
+_MOVABLE = (TABLE, CHAIR, FURNITURE, CABINET, CARTON, PERSON)
+_LIMIT = 1e9  # [m] coordinates beyond this are taken for mistakes
+_FAR = 8192.0  # [m] from the origin: beyond it float32 is not exact to half a millimetre
+_THIN = 1e-8  # [m] height of a triangle that counts as none: what float64 leaves of one at national-grid coordinates
 
 
 class Elements(NamedTuple):
@@ -42,7 +47,7 @@ class Storeys(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """An element of the file that has no shape here, and why."""
+    """An element of the file whose shape is missing or not as it should be, and why."""
 
     guid: str
     ifc_class: str
@@ -61,6 +66,7 @@ class Building(NamedTuple):
     zero_area: int  # triangles left out because they have no area
     notes: tuple[str, ...]  # what was assumed or mended, a sentence each
     to_map: np.ndarray | None  # (4, 4) float64 world to map grid [m], where the file is georeferenced
+    flaws: tuple[Failure, ...] = ()  # elements that are there, but whose surface cannot be that of a solid
 
 
 class Part(NamedTuple):
@@ -102,6 +108,7 @@ class Found(NamedTuple):
     failures: tuple[Failure, ...] = ()
     notes: tuple[str, ...] = ()
     to_map: np.ndarray | None = None
+    flaws: tuple[Failure, ...] = ()
 
 
 NO_STOREYS = Storeys((), (), np.zeros(0))
@@ -116,7 +123,8 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
         found: the rest; without storeys the floor of the bounding box stands for one.
 
     Raises:
-        ValueError: no element with a surface; a vertex is NaN or infinite; a face names a vertex that is not there.
+        ValueError: no element with a surface; a vertex is NaN, infinite or beyond 1e9 m; a face names a vertex that
+            is not there.
     """
     for part in parts:
         _check_part(source, part)
@@ -130,13 +138,13 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
         why = f"; the first of {len(failures)} elements failed because {failures[0].reason}" if failures else ""
         raise ValueError(f"{source}: expected a building with surfaces, found none{why}")
 
-    low = np.min([part.vertices[part.faces].min(axis=(0, 1)) for part in solid], axis=0)
-    high = np.max([part.vertices[part.faces].max(axis=(0, 1)) for part in solid], axis=0)
-    origin = np.zeros(3) if max(-low.min(), high.max()) <= _NEAR else np.rint((low + high) / 2)
-    storeys, notes = found.storeys, list(found.notes)
+    low = np.array([part.vertices[part.faces].min(axis=(0, 1)) for part in solid])
+    high = np.array([part.vertices[part.faces].max(axis=(0, 1)) for part in solid])
+    origin, far = _origin(low, high)
+    storeys, notes = found.storeys, [*found.notes, *far]
     if not storeys.name:
         notes.append("the file has no storeys: the floor of the bounding box stands for one")
-        storeys = Storeys(("",), ("",), low[2:3])
+        storeys = Storeys(("",), ("",), low[:, 2].min(keepdims=True))
         solid = [part._replace(storey=0) for part in solid]
     storeys = storeys._replace(elevation=storeys.elevation - origin[2])
     elements = Elements(
@@ -145,13 +153,45 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
         np.array([part.semantic for part in solid], np.uint8),
     )
     triangles = _joined(solid, origin, elements.semantic)
-    return Building(elements, triangles, origin, storeys, tuple(failures), zero_area, tuple(notes), found.to_map)
+    return Building(
+        elements, triangles, origin, storeys, tuple(failures), zero_area, tuple(notes), found.to_map, found.flaws
+    )
+
+
+def remarks(building: Building) -> list[str]:
+    """What a user must know of how the file was read, a line each: what is missing, flawed, left out or assumed."""
+    lines = []
+    for word, elements in (("without a shape", building.failures), ("not a solid", building.flaws)):
+        lines += [f"{word}: {one.ifc_class or 'element'} {one.name!r} ({one.guid}): {one.reason}" for one in elements]
+    if building.zero_area:
+        lines.append(f"note: {building.zero_area} triangles without area were left out")
+    return lines + [f"note: {note}" for note in building.notes]
 
 
 def bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest coordinates (3,) float32 [m] of all triangles."""
-    used = triangles.vertices[triangles.faces.ravel()]
-    return used.min(axis=0), used.max(axis=0)
+    used = np.zeros(len(triangles.vertices), bool)
+    used[triangles.faces.ravel()] = True
+    corners = np.ascontiguousarray(triangles.vertices[used].T)  # long rows reduce fast
+    return corners.min(axis=1), corners.max(axis=1)
+
+
+def element_bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest coordinates (E, 3) float32 [m] of every element; inf and -inf for one without triangles."""
+    order = np.argsort(triangles.element, kind="stable")
+    present, start = np.unique(triangles.element[order], return_index=True)
+    a, b, c = (triangles.vertices[corner] for corner in triangles.faces[order].T)
+    spans = []
+    for pick, gap in ((np.minimum, np.inf), (np.maximum, -np.inf)):
+        span = np.full((len(triangles.semantic), 3), gap, np.float32)
+        span[present] = pick.reduceat(pick(pick(a, b), c), start)
+        spans.append(span)
+    return spans[0], spans[1]
+
+
+def fixed(triangles: Triangles) -> np.ndarray:
+    """(E,) bool: what is part of the building; nothing that is added, and no sensor, stands on its furniture."""
+    return ~np.isin(triangles.semantic, _MOVABLE)
 
 
 def join(first: Triangles, second: Triangles) -> Triangles:
@@ -164,10 +204,27 @@ def join(first: Triangles, second: Triangles) -> Triangles:
     )
 
 
+def _origin(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Where offsets count from, given the elements' bounding boxes (n, 3), and what float32 loses of those far off."""
+    if max(-low.min(), high.max()) <= _NEAR:
+        return np.zeros(3), []
+    # The middle of most: an element that was left behind at the file's zero must not cost the others their places.
+    origin = np.rint(np.median((low + high) / 2, axis=0))
+    reach = np.maximum(origin - low, high - origin).max(axis=1)
+    far, step = np.sum(reach > _FAR), np.spacing(np.float32(reach.max()))
+    if not far:
+        return origin, []
+    where = f"elements farther than {_FAR / 1000:.1f} km from the middle of most, at up to {reach.max() / 1000:.0f} km"
+    return origin, [f"{far} {where}: their positions are rounded to {step:.1g} m"]
+
+
 def _check_part(source: str, part: Part) -> None:
     bad = ~np.isfinite(part.vertices).all(axis=1)
     if bad.any():
         raise ValueError(f"{source}: expected finite vertices, got NaN or infinity in {bad.sum()} of {part.name!r}")
+    if np.any(np.abs(part.vertices) > _LIMIT):
+        reach = np.abs(part.vertices).max()
+        raise ValueError(f"{source}: expected vertices within {_LIMIT:g} m, got {reach:g} m in {part.name!r}")
     if len(part.faces) and not (0 <= part.faces.min() and part.faces.max() < len(part.vertices)):
         raise ValueError(f"{source}: a face of {part.name!r} names a vertex that is not there")
 
@@ -175,8 +232,10 @@ def _check_part(source: str, part: Part) -> None:
 def _solid(part: Part) -> Part:
     """The part without triangles of zero area."""
     corners = part.vertices[part.faces.reshape(-1, 3)]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return part._replace(faces=part.faces.reshape(-1, 3)[area > _THIN])
+    sides = np.roll(corners, -1, axis=1) - corners
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    return part._replace(faces=part.faces.reshape(-1, 3)[area > _THIN * longest])
 
 
 def _failed(part: Part, reason: str) -> Failure:

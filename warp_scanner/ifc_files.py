@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from warp_scanner.buildings import AS_IT_IS, Building, Failure, Found, Part, ReadOptions, Storeys, assemble
+from warp_scanner.ifc_maps import to_map
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
 
 # The plain CGAL kernel loses elements without a word; this one falls back on OpenCASCADE for what CGAL cannot do.
@@ -66,7 +67,8 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
         ImportError: ifcopenshell is not installed.
     """
     model, notes = _open(Path(path))
-    storeys, rows = _storeys(model, _unit_scale(model, path))
+    unit = _unit_scale(model, path)
+    storeys, rows = _storeys(model, unit)
     products = [product for product in model.by_type("IfcElement") if not any(map(product.is_a, _WITHOUT_MATTER))]
     owners = {product.GlobalId: _owner(product) for product in products}
     shapes, reasons = _shapes(model, [product for product in products if product.Representation])
@@ -82,7 +84,8 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
         for product in products
         if product.GlobalId not in shown
     ]
-    return assemble(str(path), parts, Found(storeys, tuple(failures), notes, _to_map(model)))
+    placed, assumed = to_map(model, unit)
+    return assemble(str(path), parts, Found(storeys, tuple(failures), notes + assumed, placed))
 
 
 def _part(owner: Any, shapes: list[_Shape], rows: dict[str, int], options: ReadOptions) -> Part | None:
@@ -239,20 +242,3 @@ def _keep(shapes: dict[str, _Shape], made: Any) -> None:
     # A triangle without a material has the number -1, which picks the gap at the end.
     clear = np.append(transparency >= _CLEAR, False)[np.array(geometry.material_ids, np.int64)]
     shapes[made.guid] = _Shape(np.array(geometry.verts, np.float64).reshape(-1, 3), faces, clear)
-
-
-def _to_map(model: Any) -> np.ndarray | None:
-    """World to map grid, both in metres, of an IfcMapConversion; None without one."""
-    found = model.by_type("IfcMapConversion") if model.schema != "IFC2X3" else []
-    if not found:
-        return None
-    from ifcopenshell.util.unit import calculate_unit_scale, get_named_unit_scale
-
-    conversion = found[0]
-    unit = getattr(conversion.TargetCRS, "MapUnit", None)
-    metres = get_named_unit_scale(unit) if unit else calculate_unit_scale(model)
-    turn = np.arctan2(conversion.XAxisOrdinate or 0.0, conversion.XAxisAbscissa or 1.0)
-    to_map = np.eye(4)
-    to_map[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-    to_map[:3, 3] = np.array([conversion.Eastings, conversion.Northings, conversion.OrthogonalHeight]) * metres
-    return to_map

@@ -1,11 +1,14 @@
-"""Reads mesh files (OBJ, PLY, GLB, GLTF, STL) through trimesh: every node with a surface becomes one element."""
+"""Reads mesh files (OBJ, PLY, GLB, GLTF, STL) through trimesh: every node with a surface becomes one element.
+
+Rays meet whatever surface there is, so open ones and edges of more than two triangles are kept; the latter are listed.
+"""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from warp_scanner.buildings import AS_IT_IS, NO_STOREYS, Building, Found, Part, ReadOptions, assemble
+from warp_scanner.buildings import AS_IT_IS, NO_STOREYS, Building, Failure, Found, Part, ReadOptions, assemble
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
 
 SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl")
@@ -40,7 +43,28 @@ def read_mesh(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
         parts.append(Part(guid, "", name, -1, semantic, vertices, np.asarray(mesh.faces, np.int64).reshape(-1, 3)))
     if not parts:
         raise ValueError(f"{path}: expected a mesh with faces, found none")
-    return assemble(str(path), parts, Found(NO_STOREYS))
+    flaws = [
+        Failure(part.guid, "", part.name, f"more than two triangles meet in {count} of its edges")
+        for part in parts
+        if (count := crowded_edges(part.vertices, part.faces))
+    ]
+    return assemble(str(path), parts, Found(NO_STOREYS, flaws=tuple(flaws)))
+
+
+def crowded_edges(vertices: np.ndarray, faces: np.ndarray) -> int:
+    """How many edges more than two triangles share, which no surface of a solid (a manifold) has.
+
+    Args:
+        vertices: (V, 3) finite or not; equal ones are one corner, as files often repeat them.
+        faces: (T, 3) corners; triangles that use a corner twice, or one that is not there, do not count.
+    """
+    faces = faces[((faces >= 0) & (faces < len(vertices))).all(axis=1)]
+    _, corner = np.unique(vertices + 0.0, axis=0, return_inverse=True)  # 0.0 and -0.0 are one
+    faces = np.sort(corner.reshape(-1)[faces], axis=1)
+    faces = faces[(faces[:, 0] < faces[:, 1]) & (faces[:, 1] < faces[:, 2])]
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [0, 2]]])
+    _, count = np.unique(edges[:, 0] * len(vertices) + edges[:, 1], return_counts=True)
+    return int(np.sum(count > 2))
 
 
 def _nodes(path: Path) -> list[tuple[str, Any]]:

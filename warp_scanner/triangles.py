@@ -65,6 +65,13 @@ def cast_triangles(
     Raises:
         ValueError: the shapes disagree, or a direction is not of unit length.
     """
+    return cast_faces(scene, rays, present, threads)[0]
+
+
+def cast_faces(
+    scene: TriangleScene, rays: Rays, present: np.ndarray | None = None, threads: int | None = None
+) -> tuple[Scan, np.ndarray]:
+    """What cast_triangles tells, and which triangle each ray hits, (R, P) int32; -1 for none."""
     views = len(np.asarray(rays.origin))
     origin, direction, rotation = checked_rays(rays, views)
     there = _present(scene, present, views)
@@ -74,7 +81,7 @@ def cast_triangles(
     face = np.empty(shape, np.int32)
     packet_count = views * -(-direction.shape[1] // kernels.PACKET)
     if packet_count == 0:
-        return scan
+        return scan, face
 
     device_scene = kernels.TriangleScene()
     device_scene.mesh = scene.mesh.id
@@ -89,7 +96,14 @@ def cast_triangles(
         wp.launch(kernels.cast_packets, dim=size, inputs=[first, *inputs], outputs=outputs, device="cpu")
 
     share_out(launch, packet_count, thread_count(threads), _PACKETS_PER_LAUNCH)
-    return scan
+    return scan, face
+
+
+def face_normals(triangles: Triangles, face: np.ndarray) -> np.ndarray:
+    """Normals (R, P, 3) float32 of the triangles (R, P), of any length and either side; NaN where face is -1."""
+    a, b, c = (triangles.vertices[corner] for corner in triangles.faces.T)
+    normals = np.append(np.cross(b - a, c - a), np.full((1, 3), np.nan, np.float32), axis=0)
+    return normals[face]  # -1 picks the gap at the end
 
 
 def clearance(scene: TriangleScene, points: np.ndarray, reach: float) -> np.ndarray:
