@@ -221,7 +221,7 @@ def _scan(options: argparse.Namespace) -> None:
     from warp_scanner.building_files import read_building
     from warp_scanner.imperfections import imperfect
     from warp_scanner.scan import Rays
-    from warp_scanner.surface import incidence_of
+    from warp_scanner.surface import incidence_of, intensity_of
     from warp_scanner.triangles import cast_faces, face_normals, prepare
 
     clouds.check_format(options.out)
@@ -246,9 +246,10 @@ def _scan(options: argparse.Namespace) -> None:
     found, face = cast_faces(scene, rays)
     incidence = incidence_of(face_normals(building.triangles, face), rays)
     found = imperfect(found, incidence, sensor, options.seed, np.zeros(1, int))
-    scan = clouds.SensorScan(
-        np.asarray(position), rotation[0], directions, *(field[0] for field in found), building.elements.guid
-    )
+    incidence = np.where(np.isfinite(found.distance), incidence, np.nan).astype(np.float32)
+    light = intensity_of(found.distance, found.semantic, incidence)
+    arrays = (field[0] for field in (*found, incidence, light))
+    scan = clouds.SensorScan(np.asarray(position), rotation[0], directions, *arrays, building.elements.guid)
     clouds.write_scan(options.out, scan)
     for remark in buildings.remarks(building):
         print(remark)

@@ -1,8 +1,8 @@
 """Scan files: one scan, written as a point cloud (PLY, PCD, E57, CSV) or with its misses (NPZ), whole or not at all.
 
 P rays, N of them with a return. World frame: metres, z up. Text and double precision keep national-grid coordinates.
-A point cloud holds the N returns with the element of each, and but for CSV its class; E57 the GlobalIds of the elements
-as well. Only NPZ holds the rays without a return.
+A point cloud holds the N returns with the element of each, and but for CSV its class and intensity; E57 the GlobalIds
+of the elements as well. Only NPZ holds the rays without a return, and the incidence.
 """
 
 import uuid
@@ -26,6 +26,8 @@ class SensorScan(NamedTuple):
     distance: np.ndarray  # (P,) float32 [m]; inf = no return
     element: np.ndarray  # (P,) int32; -1 where nothing was hit
     semantic: np.ndarray  # (P,) uint8; 0 where nothing was hit
+    incidence: np.ndarray  # (P,) float32 [rad]; NaN where nothing was hit
+    intensity: np.ndarray  # (P,) float32, 1 = white, 1 m away and seen head-on; 0 where nothing was hit
     guid: tuple[str, ...]  # of the elements
 
 
@@ -73,12 +75,13 @@ def write_scan(path: Path, scan: SensorScan) -> None:
 def _write_ply(path: Path, scan: SensorScan) -> None:
     """Binary, with double coordinates: the writers at hand round them to float32."""
     hit, points = np.isfinite(scan.distance), world_points(scan)
-    fields = [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("element", "<i4"), ("semantic", "u1")]
+    fields = [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("element", "<i4"), ("semantic", "u1"), ("intensity", "<f4")]
     table = np.zeros(len(points), fields)
     for axis, name in enumerate("xyz"):
         table[name] = points[:, axis]
-    table["element"], table["semantic"] = scan.element[hit], scan.semantic[hit]
-    kinds = {"<f8": "double", "<i4": "int", "u1": "uchar"}
+    for name in ("element", "semantic", "intensity"):
+        table[name] = getattr(scan, name)[hit]
+    kinds = {"<f8": "double", "<i4": "int", "u1": "uchar", "<f4": "float"}
     properties = "".join(f"property {kinds[kind]} {name}\n" for name, kind in fields)
     header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(table)}\n{properties}end_header\n"
     write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))
@@ -88,10 +91,9 @@ def _write_pcd(path: Path, scan: SensorScan) -> None:
     from pypcd4 import PointCloud
 
     hit, points = np.isfinite(scan.distance), world_points(scan)
-    columns = [*points.T, scan.element[hit], scan.semantic[hit]]
-    cloud = PointCloud.from_points(
-        columns, ("x", "y", "z", "element", "semantic"), (np.float64, np.float64, np.float64, np.int32, np.uint8)
-    )
+    columns = [*points.T, scan.element[hit], scan.semantic[hit], scan.intensity[hit]]
+    names = ("x", "y", "z", "element", "semantic", "intensity")
+    cloud = PointCloud.from_points(columns, names, (*[np.float64] * 3, np.int32, np.uint8, np.float32))
     cloud.metadata.viewpoint = tuple(float(value) for value in (*scan.position, *_quaternion(scan.rotation)))
     write_atomically(path, cloud.save)
 
@@ -106,6 +108,7 @@ def _write_e57(path: Path, scan: SensorScan) -> None:
 
     hit, points = np.isfinite(scan.distance), local_points(scan)
     columns = {f"cartesian{axis}": np.ascontiguousarray(points[:, i]) for i, axis in enumerate("XYZ")}
+    columns["intensity"] = scan.intensity[hit].astype(np.float64)
     # The one integer that pye57 reads as what it is: it takes every other long for one of 32 bits.
     columns["jaxmm:element"] = scan.element[hit].astype(np.longlong)
     columns["jaxmm:semantic"] = scan.semantic[hit].astype(np.longlong)
@@ -169,13 +172,15 @@ def _write_csv(path: Path, scan: SensorScan) -> None:
 
 
 def _write_npz(path: Path, scan: SensorScan) -> None:
-    """Every ray, misses too: distance, element, semantic, direction, origin (of the rays), rotation, guid."""
+    """Every ray, misses too: the fields of a SensorScan, but for `origin` of the rays and their `direction`."""
     write_arrays(
         path,
         {
             "distance": scan.distance,
             "element": scan.element,
             "semantic": scan.semantic,
+            "incidence": scan.incidence,
+            "intensity": scan.intensity,
             "direction": scan.directions,
             "origin": np.asarray(scan.position, np.float64),
             "rotation": np.asarray(scan.rotation, np.float64),

@@ -24,7 +24,10 @@ def scan():
     element = np.where(np.isfinite(distance), rng.integers(0, 3, len(distance)), -1).astype(np.int32)
     semantic = np.where(element >= 0, 3, 0).astype(np.uint8)
     rotation = rotation_of([33.0], [-12.0])[0].astype(np.float64)
-    return clouds.SensorScan(GRID, rotation, directions, distance, element, semantic, ("a", "b", "c"))
+    incidence = np.where(np.isfinite(distance), rng.uniform(0.0, 1.5, len(distance)), np.nan).astype(np.float32)
+    light = np.where(np.isfinite(distance), rng.uniform(0.0, 1.0, len(distance)), 0.0).astype(np.float32)
+    rays = (directions, distance, element, semantic, incidence, light)
+    return clouds.SensorScan(GRID, rotation, *rays, ("a", "b", "c"))
 
 
 def expected_points(scan):
@@ -40,14 +43,14 @@ def expected_points(scan):
 
 def read_ply(path):
     data = trimesh.load(path).metadata["_ply_raw"]["vertex"]["data"]
-    return np.stack([data[axis] for axis in "xyz"], axis=1), data["element"]
+    return np.stack([data[axis] for axis in "xyz"], axis=1), data["element"], data["intensity"]
 
 
 def read_pcd(path):
     pypcd4 = pytest.importorskip("pypcd4")
     cloud = pypcd4.PointCloud.from_path(path)
     np.testing.assert_allclose(cloud.metadata.viewpoint[:3], GRID, atol=1e-6)
-    return cloud.numpy(("x", "y", "z")), cloud.numpy(("element",))[:, 0]
+    return cloud.numpy(("x", "y", "z")), *(cloud.numpy((name,))[:, 0] for name in ("element", "intensity"))
 
 
 def read_e57(path):
@@ -68,30 +71,31 @@ def read_e57(path):
     assert [guids[row].value() for row in range(guids.childCount())] == ["a", "b", "c"]
     assert set(columns["jaxmm:semantic"]) == {3}
     file.close()
-    return np.stack([data[f"cartesian{axis}"] for axis in "XYZ"], axis=1), columns["jaxmm:element"]
+    return np.stack([data[f"cartesian{axis}"] for axis in "XYZ"], axis=1), columns["jaxmm:element"], raw["intensity"]
 
 
 def read_csv(path):
     lines = path.read_text().splitlines()
     assert lines[0] == ";".join(inputs.CSV_COLUMNS)
     table = np.loadtxt(lines[1:], delimiter=";")
-    return table[:, :3], table[:, 3]
+    return table[:, :3], table[:, 3], None
 
 
 @pytest.mark.parametrize("reader", [read_ply, read_pcd, read_e57, read_csv], ids=lambda reader: reader.__name__[5:])
 def test_other_readers_find_the_same_points_and_elements(scan, tmp_path, reader):
     path = tmp_path / f"scan.{reader.__name__[5:]}"
     clouds.write_scan(path, scan)
-    points, element = reader(path)
+    points, element, light = reader(path)
     np.testing.assert_allclose(points, expected_points(scan), rtol=0, atol=1e-6)
     np.testing.assert_array_equal(element, scan.element[np.isfinite(scan.distance)])
+    assert light is None or np.array_equal(np.float32(light), scan.intensity[np.isfinite(scan.distance)])
     assert [path.name for path in tmp_path.iterdir()] == [path.name]
 
 
 def test_an_archive_keeps_every_ray_and_the_names_of_the_elements(scan, tmp_path):
     clouds.write_scan(tmp_path / "scan.npz", scan)
     with np.load(tmp_path / "scan.npz", allow_pickle=False) as arrays:
-        for name in ("distance", "element", "semantic"):
+        for name in ("distance", "element", "semantic", "incidence", "intensity"):
             np.testing.assert_array_equal(arrays[name], getattr(scan, name))
         np.testing.assert_array_equal(arrays["origin"], GRID)
         points = (

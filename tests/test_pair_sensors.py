@@ -11,7 +11,7 @@ from warp_scanner.pairs import PRESETS, PairConfig, make_pairs
 from warp_scanner.scan import cast_rays
 from warp_scanner.scenarios import make_scenes
 from warp_scanner.sense import rays_of
-from warp_scanner.sensors import OAK_D_PRO_SMALL, OUSTER_64, TLS, VELODYNE_16, Spinning, sensor_named
+from warp_scanner.sensors import OAK_D_PRO_SMALL, OUSTER_64, TLS, VELODYNE_16, Spinning, noisier, sensor_named
 
 SPINNING = {
     "velodyne": VELODYNE_16.resampled(180, 16),
@@ -101,7 +101,7 @@ def test_only_the_robot_scan_errs(name):
 def test_noise_of_the_pair_comes_on_top_of_the_sensors_own():
     sensor = dataclasses.replace(OAK_D_PRO_SMALL, imperfections=Imperfections(noise=0.03))
     config = PairConfig(sensor=sensor, range_noise=0.04)
-    assert config.robot_sensor.imperfections.noise == pytest.approx(0.05)
+    assert noisier(sensor, 0.04).imperfections.noise == pytest.approx(0.05)
     noisy, clean = make_pairs(config, np.arange(2)), make_pairs(PairConfig(), np.arange(2))
     error = (noisy.robot.distance - clean.robot.distance)[np.isfinite(clean.robot.distance)]
     assert np.std(error) == pytest.approx(0.05, rel=0.02)

@@ -15,7 +15,7 @@ from warp_scanner.footprints import Footprints, join
 from warp_scanner.furniture import FurnitureConfig, Marks, build_furniture, spread_furniture
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import CEILING, FLOOR, GAP, WALL, scene_mesh
-from warp_scanner.sensors import Pinhole, Pose
+from warp_scanner.sensors import Pose, Sensor
 from warp_scanner.sites import Site
 from warp_scanner.triangles import TriangleScene, cast_triangles, clearance
 
@@ -65,7 +65,7 @@ def of_element(building: Building, number: int) -> Change:
 
 
 def added_object(
-    building: Building, scene: TriangleScene, kind: tuple[int, float], view: tuple[Pose, Pinhole], key: np.ndarray
+    building: Building, scene: TriangleScene, kind: tuple[int, float], view: tuple[Pose, Sensor], key: np.ndarray
 ) -> Change | None:
     """A wall or column at a free place in view and inside the building, from floor to ceiling; None where none fits.
 
@@ -78,7 +78,9 @@ def added_object(
     """
     (semantic, copied), (pose, sensor) = kind, view
     position = pose.position[0].astype(np.float64)
-    angle = np.radians(pose.yaw[0] + sensor.horizontal_fov * (draws.uniform(key, "change angle", _TRIES)[0] - 0.5))
+    right, left = sensor.azimuths
+    spread = draws.uniform(key, "change angle", _TRIES)[0] - 0.5
+    angle = np.radians(pose.yaw[0] + (right + left) / 2 + (left - right) * spread)
     heading = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1).astype(np.float32)
     sight = np.minimum(cast_triangles(scene, Rays(position[None], heading)).distance[0], 12.0)
     # The root makes every square metre within sight as likely as any other in its direction.

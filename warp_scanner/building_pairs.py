@@ -18,17 +18,25 @@ from warp_scanner import draws
 from warp_scanner.building_changes import Change, added_object, furniture_around, of_element, removable
 from warp_scanner.building_poses import draw_positions, storeys_between
 from warp_scanner.buildings import Building, bounds, element_bounds, fixed, join
+from warp_scanner.imperfections import imperfect
 from warp_scanner.pairs import Pairs, joined
 from warp_scanner.scan import Rays
 from warp_scanner.scenarios import CONDITIONS, SCENARIOS, TrueBox
-from warp_scanner.scenes import NOTHING, PILLAR, WALL
-from warp_scanner.sensors import OAK_D_PRO_SMALL, Pinhole, Pose, Standing, add_range_noise, rotation_of
-from warp_scanner.triangles import TriangleScene, cast_triangles, prepare
+from warp_scanner.scenes import NOTHING, PILLAR, WALL, Primitives
+from warp_scanner.sense import rays_of, within_reach
+from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing, noisier
+from warp_scanner.surface import incidence_of
+from warp_scanner.triangles import TriangleScene, cast_faces, cast_triangles, face_normals, prepare
 
 _ATTEMPTS = 200
 # Shape beyond (R, M) and dtype of every field of a TrueBox.
 _BOX_FIELDS = (((3,), np.float32), ((3,), np.float32), ((), np.float32), ((), np.uint8), ((), np.int8), ((), np.int32),
                ((), np.int32))  # fmt: skip
+# A building's prior is a mesh: nobody but its caller has it.
+_NO_PRIMITIVES = Primitives(
+    np.zeros((1, 0), np.uint8), np.zeros((1, 0, 3), np.float32), np.zeros((1, 0, 3), np.float32),
+    np.zeros((1, 0), np.float32), np.zeros((1, 0), np.int32), np.zeros((1, 0), np.uint8),
+)  # fmt: skip
 _RING = 360  # rays around a sensor that look for something to remove
 
 
@@ -39,11 +47,11 @@ class BuildingPairConfig:
     seed: int = 0
     scenario: str = "pillar_added"  # one of scenarios.SCENARIOS, or "unchanged"
     condition: str = "clean"  # or "occluded"
-    sensor: Pinhole = OAK_D_PRO_SMALL
+    sensor: Sensor = OAK_D_PRO_SMALL  # errs in the robot scan only; the DT scan shares its reach
     standing: Standing = Standing()
     storey: int | None = None  # row of the storey table; None draws from all
     copied_share: float = 0.3  # share of added objects whose shape is copied from one of the building's own
-    range_noise: float = 0.0  # standard deviation of the robot's ranges; the DT scan has none
+    range_noise: float = 0.0  # standard deviation of the robot's ranges, on top of the sensor's own
     testable_margin: float = 0.1  # ranges must differ by more than this to tell prior and reality apart
     minimum_share: float = 0.001  # least share of the rays that hit the changed object in the clean scene
 
@@ -149,7 +157,7 @@ def _make_pair(site: _Site, config: BuildingPairConfig, which: tuple[int, int | 
             continue
         if len(site.removable) and (pose := _facing(site, config, pose, key)) is None:
             continue
-        rays = Rays(pose.position, config.sensor.directions(), rotation_of(pose.yaw, pose.pitch))
+        rays = rays_of(config.sensor, pose)
         trial = _attempt(site, config, (key, pose, rays, threads))
         if trial is not None:
             return _scanned(config, trial, (number, pose, rays, threads, extent))
@@ -167,7 +175,8 @@ def _facing(site: _Site, config: BuildingPairConfig, pose: Pose, key: np.ndarray
         return None
     which, where, beside = draws.uniform(key, "facing", 3)[0]
     rays = np.flatnonzero(element == seen[int(which * len(seen))])
-    yaw = np.degrees(angle[rays[int(where * len(rays))]]) + (beside - 0.5) * config.sensor.horizontal_fov * 0.7
+    right, left = config.sensor.azimuths
+    yaw = np.degrees(angle[rays[int(where * len(rays))]]) - (right + left) / 2 + (beside - 0.5) * (left - right) * 0.7
     return pose._replace(yaw=np.array([(yaw + 180.0) % 360.0 - 180.0], np.float32))
 
 
@@ -220,8 +229,9 @@ def _floor_below(scene: TriangleScene, pose: Pose, standing: Standing) -> float:
 def _scanned(config: BuildingPairConfig, trial: _Attempt, view: tuple) -> Pairs:
     """Both scans and the truth of one pair."""
     number, pose, rays, threads, extent = view
-    dt = cast_triangles(trial.scene, rays, trial.in_prior, threads)
-    robot = cast_triangles(trial.scene, rays, trial.in_real, threads)
+    endless = cast_triangles(trial.scene, rays, trial.in_prior, threads)
+    whole, face = cast_faces(trial.scene, rays, trial.in_real, threads)
+    dt, robot = within_reach(endless, config.sensor), within_reach(whole, config.sensor)
     removed = config.scenario.endswith("removed")
     changed_dt = (dt.element == trial.changed) if removed else np.zeros(dt.element.shape, bool)
     changed_robot = (
@@ -230,17 +240,18 @@ def _scanned(config: BuildingPairConfig, trial: _Attempt, view: tuple) -> Pairs:
     margin = np.float32(config.testable_margin)
     # A robot ray without a return tells nothing; where the prior has nothing, its range is infinite.
     testable_dt = np.isfinite(robot.distance) & (dt.distance + margin < robot.distance)
-    testable_robot = robot.distance + margin < dt.distance
+    testable_robot = robot.distance + margin < endless.distance
     fraction = np.zeros((1, int(trial.changed >= 0)), np.float32)
     if trial.changed >= 0:
-        alone = cast_triangles(trial.scene, rays, np.arange(len(trial.in_prior)) == trial.changed, threads)
+        only = np.arange(len(trial.in_prior)) == trial.changed
+        alone = within_reach(cast_triangles(trial.scene, rays, only, threads), config.sensor)
         found = np.sum((changed_dt & testable_dt) | (changed_robot & testable_robot))
         fraction[0, 0] = found / max(int(np.isfinite(alone.distance).sum()), 1)
-    noise = add_range_noise(robot.distance, config.range_noise, config.seed, np.array([number]))
+    incidence = incidence_of(face_normals(trial.scene.triangles, face), rays)
+    noisy = imperfect(robot, incidence, noisier(config.sensor, config.range_noise), config.seed, np.array([number]))
     return Pairs(
-        pose, rays.direction, dt, robot._replace(distance=noise), changed_dt, changed_robot, testable_dt,
-        testable_robot, fraction, _box(trial.change, trial.changed, -1 if removed else 1),
-        pose, extent,
+        pose, rays.direction, dt, noisy, changed_dt, changed_robot, testable_dt, testable_robot, fraction,
+        _box(trial.change, trial.changed, -1 if removed else 1), pose, extent, _NO_PRIMITIVES,
     )  # fmt: skip
 
 

@@ -189,20 +189,3 @@ def _mixed(distance: np.ndarray, sensor: RangeSensor, key: np.ndarray) -> np.nda
     mixes = (np.abs(step) > errors.mixed_step) & (draws.uniform(key, "mixed", count) < errors.mixed_chance)
     share = 0.5 * draws.uniform(key, "mixed share", count).astype(np.float32)
     return np.where(mixes, distance + share * step, distance)
-
-
-def add_range_noise(distance: np.ndarray, sigma: float, seed: int, index: np.ndarray) -> np.ndarray:
-    """Ranges (R, P) float32 with independent Gaussian errors of `sigma` [m]; misses stay misses, none turns negative.
-
-    Args:
-        distance: (R, P) float32 [m], inf = no return.
-        sigma: standard deviation [m], at least 0; 0 returns the ranges as they are.
-        seed: of the draws; with `index` (R,) it fixes every error.
-        index: (R,) room numbers.
-    """
-    if not 0.0 <= sigma < np.inf:
-        raise ValueError(f"sigma must be at least 0 and finite, got {sigma}")
-    if sigma == 0.0:
-        return distance
-    error = draws.normal(draws.keys(seed, index), "range noise", distance.shape[1])
-    return np.maximum(distance + np.float32(sigma) * error, np.float32(0.0))

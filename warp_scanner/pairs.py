@@ -16,7 +16,7 @@ from warp_scanner.scan import Rays, Scan, cast_slots
 from warp_scanner.scenarios import SceneConfig, Scenes, TrueBox, make_scenes
 from warp_scanner.scenes import GAP, Primitives
 from warp_scanner.sense import cast, cast_which, measured, rays_of, within_reach
-from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing
+from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing, noisier
 
 _SCENES_AT_ONCE = 64  # scenes are drawn together, so that few of them wait for the last
 _RAYS_AT_ONCE = 2**20  # bounds the memory of what is only needed on the way
@@ -76,15 +76,6 @@ class PairConfig:
             touching=self.touching,
             prior_furniture=self.prior_furniture,
         )
-
-    @property
-    def robot_sensor(self) -> Sensor:
-        """The sensor with all of its noise."""
-        if self.range_noise == 0.0:
-            return self.sensor
-        errors = self.sensor.imperfections
-        noise = float(np.hypot(errors.noise, self.range_noise))
-        return dataclasses.replace(self.sensor, imperfections=dataclasses.replace(errors, noise=noise))
 
 
 PRESETS = {
@@ -184,7 +175,9 @@ def _scanned(config: PairConfig, scenes: Scenes, which: tuple[np.ndarray, np.nda
         expected, _ = cast_which(*prior, config.sensor, true_pose, threads)
     testable = ((reach + margin < beyond) & (beyond < np.inf), robot.distance + margin < expected)
     fraction = _observable(config, scenes, ((dt, scenes.pose), (robot, true_pose), testable), threads)
-    noisy = measured(robot, reality, (config.robot_sensor, true_pose), (config.seed, index), threads)
+    noisy = measured(
+        robot, reality, (noisier(config.sensor, config.range_noise), true_pose), (config.seed, index), threads
+    )
     return Pairs(
         scenes.pose, directions, dt, noisy, changed_dt, changed_robot, *testable, fraction, scenes.box, true_pose,
         scenes.size, scenes.primitives._replace(kind=np.where(scenes.in_prior, scenes.primitives.kind, GAP)),

@@ -12,7 +12,6 @@ import numpy as np
 
 from warp_scanner import sensor_files
 from warp_scanner.imperfections import Imperfections
-from warp_scanner.imperfections import add_range_noise as add_range_noise  # these were first found here
 from warp_scanner.poses import Pose as Pose
 from warp_scanner.poses import Standing as Standing
 from warp_scanner.poses import draw_poses as draw_poses
@@ -173,6 +172,17 @@ class Spinning:
 
 
 Sensor = Pinhole | Spinning
+
+
+def noisier(sensor: Sensor, sigma: float) -> Sensor:
+    """The sensor with further Gaussian noise of its ranges: a standard deviation [m] on top of its own."""
+    if sigma == 0.0:
+        return sensor
+    errors = sensor.imperfections
+    noise = float(np.hypot(errors.noise, sigma))
+    return dataclasses.replace(sensor, imperfections=dataclasses.replace(errors, noise=noise))
+
+
 KINDS: dict[str, type] = {"pinhole": Pinhole, "spinning": Spinning}  # as sensor files name them
 
 
