@@ -94,7 +94,11 @@ class PreprocessConfig:
     # Where the cluster filter thins heuristic labels of removed objects. It is there for the shadows of furniture;
     # clean scans have none, and the filter could only lose parts of the object (paper/README.md).
     label_filter: str = one_of("occluded", "occluded", "always", "never")
-    evidence: bool = False  # what the rays say of every point, for the method of that name; half as much work again
+    # What rays say of every point, for the method of that name. exact: ray by ray against the prior's geometry; cloud:
+    # as if only both filtered clouds were known, and the prior's elements; points: those neither; mixed: a half exact,
+    # the rest of the two others, room by room.
+    evidence: str = one_of("none", "none", "exact", "cloud", "points", "mixed")
+    viewpoint_error: float = bounded(0.03, 0.0, 1.0)  # [m] standard deviation of each coordinate, for cloud and points
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,8 +177,8 @@ class Config:
     evaluate: EvaluateConfig = EvaluateConfig()
 
     def __post_init__(self):
-        if "evidence" in self.train.methods and not self.preprocess.evidence:
-            raise ConfigError("train: the method evidence needs evidence = true in [preprocess]")
+        if "evidence" in self.train.methods and self.preprocess.evidence == "none":
+            raise ConfigError("train: the method evidence needs some evidence in [preprocess], got none")
 
 
 def load(path: Path | str) -> Config:

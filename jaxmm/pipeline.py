@@ -11,12 +11,11 @@ from jaxmm.batches import LabelledCloud
 from jaxmm.boxes import Box
 from jaxmm.config import Config
 from jaxmm.evaluate import RoomTruth
-from jaxmm.evidence import features_of
 from jaxmm.files import REMEDY, load_arrays, write_arrays
+from jaxmm.gathering import gather
 from jaxmm.inputs import InputError
 from jaxmm.labels import filter_labels, heuristic_labels
 from jaxmm.preprocess import FLOOR_TOLERANCE, object_filter, outlier_mask, structural_filter
-from jaxmm.sighting import expected_of, frames_of, prior_views, robot_views
 from jaxmm.simulator import CloudSource, pair_config, ray_count, scene_of
 from warp_scanner.neighbours import nearest
 from warp_scanner.pairs import Pairs, make_pairs
@@ -85,7 +84,7 @@ def clouds_of(
     if not source.scenario.endswith("removed"):
         seen, other = other, seen
     distances = _distances(pairs, seen, other, threads)
-    evidence = _evidence(config, source, pairs, (seen, distances), threads)
+    evidence = gather(config, source, pairs, (seen, other, distances), threads)
     rows = range(len(seen))
     return [_labelled(config, source, pairs, row, (seen[row], distances[row], evidence[row])) for row in rows]
 
@@ -135,21 +134,6 @@ def _distances(pairs: Pairs, seen: list[Kept], other: list[Kept], threads: int |
         np.where(near.index >= 0, near.distance, far).astype(np.float32)
         for near, far in zip(found, farthest, strict=True)
     ]
-
-
-def _evidence(
-    config: Config, source: CloudSource, pairs: Pairs, seen: tuple[list[Kept], list[np.ndarray]], threads: int | None
-) -> list[np.ndarray]:
-    """What rays say of the points that a scenario's model sees, (N, F) float32 for each room."""
-    if not config.preprocess.evidence:
-        return [np.zeros((len(kept.points), 0), np.float32) for kept in seen[0]]
-    sensor = pair_config(config, source).sensor
-    expected = expected_of(pairs, sensor, threads)
-    if source.scenario.endswith("removed"):
-        views = prior_views(pairs, sensor, expected, seen, threads)
-    else:
-        views = robot_views(pairs, expected, seen[0], threads)
-    return [features_of(view, frame) for view, frame in zip(views, frames_of(pairs, sensor), strict=True)]
 
 
 def _labelled(

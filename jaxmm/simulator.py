@@ -9,10 +9,12 @@ from warp_scanner.imperfections import Imperfections
 from warp_scanner.pairs import PRESETS, PairConfig
 from warp_scanner.rooms import RoomConfig
 from warp_scanner.sensors import PRESETS as SENSORS
-from warp_scanner.sensors import Pinhole, Sensor, noisier, sensor_of
+from warp_scanner.sensors import Pinhole, Sensor, sensor_of
 
 MULTI = "multi"  # the scenes of MULTI_SCENARIOS in turn
 _OWN = {"seed", "scenario", "condition", "room", "sensor"}  # fields of a PairConfig that `scan` does not set as such
+
+_ERRORS = ("range_noise", "range_noise_spread", "position_error", "angle_error")
 
 
 class CloudSource(NamedTuple):
@@ -78,11 +80,11 @@ def ray_count(config: Config) -> int:
 def errors_of(config: Config) -> str:
     """In words, how the robot scans err."""
     pair = _any_pair(config)
-    errors = dataclasses.asdict(noisier(pair.sensor, pair.range_noise).imperfections)
+    errors = dataclasses.asdict(pair.sensor.imperfections)
     default = dataclasses.asdict(Imperfections())
     told = [f"{name} {value:g}" for name, value in errors.items() if name != "class_dropout" and value != default[name]]
     told += ["dropout by class"] * bool(errors["class_dropout"])
-    told += [f"{name} {getattr(pair, name):g}" for name in ("position_error", "angle_error") if getattr(pair, name)]
+    told += [f"{name} {getattr(pair, name):g}" for name in _ERRORS if getattr(pair, name)]
     return ", ".join(told) or "none"
 
 

@@ -184,7 +184,7 @@ def test_a_shadow_is_blocked_or_unseen_and_never_a_candidate(seen):
 
 
 def test_unchanged_rooms_support_what_is_there():
-    config = Config(preprocess=dataclasses.replace(Config().preprocess, evidence=True))
+    config = Config(preprocess=dataclasses.replace(Config().preprocess, evidence="exact"))
     source = CloudSource("wall_removed", "unchanged", "clean", 3)
     for cloud, _ in clouds(config, source, np.arange(3)):
         assert cloud.evidence.shape == (len(cloud.points), len(FEATURES))
@@ -195,11 +195,14 @@ def test_unchanged_rooms_support_what_is_there():
 
 def test_evidence_must_be_asked_for_where_it_is_trained_on():
     assert TRAINED_METHODS["evidence"] == len(FEATURES)
-    with pytest.raises(ConfigError, match="evidence = true"):
+    with pytest.raises(ConfigError, match="some evidence"):
         parse("[train]\nmethods = ['evidence']", "some.toml")
     with pytest.raises(ConfigError, match="augment: evidence"):
         parse("[train]\naugment = ['evidence']", "some.toml")
-    assert parse("[train]\nmethods = ['evidence']\n[preprocess]\nevidence = true", "some.toml").preprocess.evidence
+    assert (
+        parse("[train]\nmethods = ['evidence']\n[preprocess]\nevidence = 'mixed'", "some.toml").preprocess.evidence
+        == "mixed"
+    )
 
 
 def test_the_sides_have_one_order_everywhere():

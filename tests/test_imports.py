@@ -12,7 +12,10 @@ PEERS = {"torch", "open3d", "embreex"}
 FORBIDDEN = {"warp_scanner": {"jax", "flax", "optax", "jaxmm", "benchmarks", "paper"} | PEERS}
 FORBIDDEN["jaxmm"] = SIMULATOR | {"benchmarks", "paper"} | PEERS
 # The only files of jaxmm that know the scanner.
-JOINTS = {f"jaxmm/{name}.py": SIMULATOR for name in ("pipeline", "sighting", "simulator", "cli")}
+JOINTS = {
+    f"jaxmm/{name}.py": SIMULATOR
+    for name in ("pipeline", "gathering", "sighting", "cloud_sighting", "simulator", "cli")
+}
 
 
 def imports_of(path: Path) -> set[str]:

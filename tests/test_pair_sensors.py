@@ -11,7 +11,7 @@ from warp_scanner.pairs import PRESETS, PairConfig, make_pairs
 from warp_scanner.scan import cast_rays
 from warp_scanner.scenarios import make_scenes
 from warp_scanner.sense import rays_of
-from warp_scanner.sensors import OAK_D_PRO_SMALL, OUSTER_64, TLS, VELODYNE_16, Spinning, noisier, sensor_named
+from warp_scanner.sensors import OAK_D_PRO_SMALL, OUSTER_64, TLS, VELODYNE_16, Spinning, sensor_named
 
 SPINNING = {
     "velodyne": VELODYNE_16.resampled(180, 16),
@@ -20,6 +20,7 @@ SPINNING = {
     "one channel": Spinning(360, 1, (-2.0, -2.0)),
     "half a turn": Spinning(180, 8, (-10.0, 10.0), azimuth_range=(-20.0, 160.0)),
 }
+SMALL = OAK_D_PRO_SMALL.resampled(40, 25)
 COUNT = 6
 
 
@@ -101,7 +102,6 @@ def test_only_the_robot_scan_errs(name):
 def test_noise_of_the_pair_comes_on_top_of_the_sensors_own():
     sensor = dataclasses.replace(OAK_D_PRO_SMALL, imperfections=Imperfections(noise=0.03))
     config = PairConfig(sensor=sensor, range_noise=0.04)
-    assert noisier(sensor, 0.04).imperfections.noise == pytest.approx(0.05)
     noisy, clean = make_pairs(config, np.arange(2)), make_pairs(PairConfig(), np.arange(2))
     error = (noisy.robot.distance - clean.robot.distance)[np.isfinite(clean.robot.distance)]
     assert np.std(error) == pytest.approx(0.05, rel=0.02)
@@ -113,3 +113,23 @@ def test_the_presets_make_pairs_of_every_kind():
             config = dataclasses.replace(preset, scenario=scenario, condition="occluded", position_error=0.01)
             pairs = make_pairs(config, np.arange(3))
             assert np.isfinite(pairs.dt.distance).all(), name
+
+
+def test_rooms_draw_their_own_noise_and_whether_they_err_at_all():
+    index = np.arange(60)
+    clean = make_pairs(PairConfig(sensor=SMALL), index)
+    config = PairConfig(sensor=SMALL, range_noise=0.05, range_noise_spread=0.05)
+    noisy = make_pairs(config, index)
+    returned = np.isfinite(noisy.robot.distance)
+    error = np.where(returned, noisy.robot.distance, np.nan) - np.where(returned, clean.robot.distance, np.nan)
+    sigma = np.nanstd(error, axis=1)
+    assert sigma.min() < 0.015 and sigma.max() > 0.08 and 0.04 < sigma.mean() < 0.06
+    some = make_pairs(dataclasses.replace(config, erring_share=0.3, position_error=0.05, range_noise_spread=0.0), index)
+    moved = np.any(some.true_pose.position != some.pose.position, axis=1)
+    assert 0.15 < moved.mean() < 0.45
+    # A room is the same whatever the others of its call.
+    alone = make_pairs(config, index[7:8])
+    np.testing.assert_array_equal(alone.robot.distance[0], noisy.robot.distance[7])
+    for name, value in (("erring_share", 1.5), ("range_noise_spread", -0.1)):
+        with pytest.raises(ValueError, match=name):
+            PairConfig(**{name: value})

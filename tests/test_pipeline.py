@@ -66,7 +66,7 @@ def test_every_point_is_a_return_with_consistent_labels(rows):
     for (scenario, condition), members in rows.items():
         for cloud, truth in members:
             count = len(cloud.points)
-            assert [len(field) for field in cloud] == [count] * 6
+            assert [len(field) for field in cloud] == [count] * 7
             assert np.isfinite(cloud.points).all() and np.isfinite(cloud.distance).all() and (cloud.element >= 0).all()
             assert not (cloud.heuristic & (cloud.distance <= 0.09)).any()
             assert len(np.unique(np.floor(cloud.points / 0.1 + 0.5), axis=0)) == count  # one a voxel

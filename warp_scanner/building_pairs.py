@@ -23,8 +23,8 @@ from warp_scanner.pairs import Pairs, joined
 from warp_scanner.scan import Rays
 from warp_scanner.scenarios import CONDITIONS, SCENARIOS, TrueBox
 from warp_scanner.scenes import NOTHING, PILLAR, WALL, Primitives
-from warp_scanner.sense import rays_of, within_reach
-from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing, noisier
+from warp_scanner.sense import rays_of, with_noise, within_reach
+from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing
 from warp_scanner.surface import incidence_of
 from warp_scanner.triangles import TriangleScene, cast_faces, cast_triangles, face_normals, prepare
 
@@ -248,7 +248,9 @@ def _scanned(config: BuildingPairConfig, trial: _Attempt, view: tuple) -> Pairs:
         found = np.sum((changed_dt & testable_dt) | (changed_robot & testable_robot))
         fraction[0, 0] = found / max(int(np.isfinite(alone.distance).sum()), 1)
     incidence = incidence_of(face_normals(trial.scene.triangles, face), rays)
-    noisy = imperfect(robot, incidence, noisier(config.sensor, config.range_noise), config.seed, np.array([number]))
+    which = (config.seed, np.array([number]))
+    noisy = imperfect(robot, incidence, config.sensor, *which)
+    noisy = with_noise(noisy, config.sensor, np.array([config.range_noise]), which)
     return Pairs(
         pose, rays.direction, dt, noisy, changed_dt, changed_robot, testable_dt, testable_robot, fraction,
         _box(trial.change, trial.changed, -1 if removed else 1), pose, extent, _NO_PRIMITIVES,

@@ -15,8 +15,8 @@ from warp_scanner.rooms import THESIS, VARIED, RoomConfig
 from warp_scanner.scan import Rays, Scan, cast_slots
 from warp_scanner.scenarios import SceneConfig, Scenes, TrueBox, make_scenes
 from warp_scanner.scenes import GAP, Primitives
-from warp_scanner.sense import cast, cast_which, measured, rays_of, within_reach
-from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing, noisier
+from warp_scanner.sense import cast, cast_which, measured, rays_of, with_noise, within_reach
+from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing
 
 _SCENES_AT_ONCE = 64  # scenes are drawn together, so that few of them wait for the last
 _RAYS_AT_ONCE = 2**20  # bounds the memory of what is only needed on the way
@@ -34,6 +34,8 @@ class PairConfig:
     sensor_height: float = 1.0  # above the floor
     sensor_gap: float = 0.3  # least distance from the sensor to anything that stands in the room
     range_noise: float = 0.0  # standard deviation of the robot's ranges, on top of the sensor's own
+    range_noise_spread: float = 0.0  # each room draws its own up to this above or below, but none below 0
+    erring_share: float = 1.0  # of the rooms in which the sensor has its imperfections, and the robot its pose error
     testable_margin: float = 0.1  # ranges must differ by more than this to tell prior and reality apart
     furniture_share: float = 0.05  # least share of rays that hit furniture in the occluded scene
     sensor_height_spread: float = 0.0  # the height is drawn up to this above or below
@@ -47,10 +49,14 @@ class PairConfig:
     def __post_init__(self):
         if self.seed < 0:
             raise ValueError(f"seed must be at least 0, got {self.seed}")
-        spreads = ("sensor_height_spread", "sensor_pitch_spread", "position_error", "angle_error")
+        spreads = (
+            "sensor_height_spread", "sensor_pitch_spread", "position_error", "angle_error", "range_noise_spread",
+        )  # fmt: skip
         for name in ("sensor_gap", "range_noise", "testable_margin", *spreads):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
+        if not 0.0 <= self.erring_share <= 1.0:
+            raise ValueError(f"erring_share must be between 0 and 1, got {self.erring_share}")
         lowest, highest = self.sensor_height - self.sensor_height_spread, self.sensor_height + self.sensor_height_spread
         if not 0.0 < lowest <= highest < self.room.size[2] - self.room.size_spread[2]:
             raise ValueError(f"sensor_height must lie inside the room, got {lowest} to {highest}")
@@ -145,14 +151,7 @@ def _make_pairs(config: PairConfig, index: np.ndarray, threads: int) -> list[Pai
     directions = config.sensor.directions()
     at_once = max(1, _RAYS_AT_ONCE // len(directions))
     parts = [slice(start, start + at_once) for start in range(0, max(len(index), 1), at_once)]
-    return [_scanned(config, _rows(scenes, part), (index[part], directions), threads) for part in parts]
-
-
-def _rows(arrays, rows: slice):
-    """The given rooms of a tuple of arrays, however deep."""
-    if isinstance(arrays, tuple):
-        return type(arrays)(*(_rows(field, rows) for field in arrays))
-    return arrays[rows]
+    return [_scanned(config, rows_of(scenes, part), (index[part], directions), threads) for part in parts]
 
 
 def _scanned(config: PairConfig, scenes: Scenes, which: tuple[np.ndarray, np.ndarray], threads: int) -> Pairs:
@@ -175,25 +174,40 @@ def _scanned(config: PairConfig, scenes: Scenes, which: tuple[np.ndarray, np.nda
         expected, _ = cast_which(*prior, config.sensor, true_pose, threads)
     testable = ((reach + margin < beyond) & (beyond < np.inf), robot.distance + margin < expected)
     fraction = _observable(config, scenes, ((dt, scenes.pose), (robot, true_pose), testable), threads)
-    noisy = measured(
-        robot, reality, (noisier(config.sensor, config.range_noise), true_pose), (config.seed, index), threads
-    )
+    noisy = _erring(config, robot, (reality, true_pose), index, threads)
     return Pairs(
         scenes.pose, directions, dt, noisy, changed_dt, changed_robot, *testable, fraction, scenes.box, true_pose,
         scenes.size, scenes.primitives._replace(kind=np.where(scenes.in_prior, scenes.primitives.kind, GAP)),
     )  # fmt: skip
 
 
+def _erring(config: PairConfig, robot: Scan, scene: tuple, index: np.ndarray, threads: int) -> Scan:
+    """The robot scan as its sensor reports it."""
+    (reality, pose), which = scene, (config.seed, index)
+    found = measured(robot, reality, (config.sensor, pose), which, threads)
+    if config.erring_share < 1.0 and found is not robot:
+        errs = _errs(config, index)[:, None]
+        found = Scan(*(np.where(errs, erring, ideal) for erring, ideal in zip(found, robot, strict=True)))
+    ends = (max(0.0, config.range_noise - config.range_noise_spread), config.range_noise + config.range_noise_spread)
+    sigma = draws.between(draws.keys(*which), "range noise of the room", ends, 1)[:, 0]
+    return with_noise(found, config.sensor, sigma, which)
+
+
+def _errs(config: PairConfig, index: np.ndarray) -> np.ndarray:
+    """(R,) bool: the rooms in which sensor and pose err."""
+    return draws.uniform(draws.keys(config.seed, index), "errs", 1)[:, 0] < config.erring_share
+
+
 def _true_pose(config: PairConfig, pose: Pose, index: np.ndarray) -> Pose:
     """Where the robot really stands: the same pose when there is no error."""
     if config.position_error == config.angle_error == 0.0:
         return pose
-    key = draws.keys(config.seed, index)
+    key, errs = draws.keys(config.seed, index), _errs(config, index)[:, None]
     # Within the sensor's gap, so that no error puts the robot into something.
-    shift = config.position_error * draws.normal(key, "position error", 3)
+    shift = errs * config.position_error * draws.normal(key, "position error", 3)
     length = np.linalg.norm(shift, axis=1, keepdims=True)
     shift *= np.minimum(1.0, 0.9 * config.sensor_gap / np.maximum(length, 1e-9))
-    turn = config.angle_error * draws.normal(key, "angle error", 2)
+    turn = errs * config.angle_error * draws.normal(key, "angle error", 2)
     position = (pose.position + shift).astype(np.float32)
     return Pose(position, (pose.yaw + turn[:, 0]).astype(np.float32), (pose.pitch + turn[:, 1]).astype(np.float32))
 
@@ -247,6 +261,22 @@ def _observable(config: PairConfig, scenes: Scenes, sides: tuple, threads: int) 
         hits = np.maximum(np.sum((distance >= low) & (distance <= high) & (distance < np.inf), axis=1), 1)
         fraction[:, part] = np.where(scenes.box.change[:, part] != 0, found / hits, np.nan)
     return fraction
+
+
+def rows_of(arrays, rows):
+    """The given rooms (a slice or indices) of a tuple of arrays, however deep.
+
+    Of Pairs, whose directions are shared, take `pairs_at`.
+    """
+    if isinstance(arrays, tuple):
+        return type(arrays)(*(rows_of(field, rows) for field in arrays))
+    return arrays[rows]
+
+
+def pairs_at(pairs: Pairs, rows) -> Pairs:
+    """Some of the pairs."""
+    fields = {name: rows_of(field, rows) for name, field in pairs._asdict().items() if name != "directions"}
+    return Pairs(**fields, directions=pairs.directions)
 
 
 def joined(parts: list[Pairs]) -> Pairs:

@@ -5,6 +5,7 @@ R rooms, K slots of primitives, P rays. World frame: metres, z up.
 
 import numpy as np
 
+from warp_scanner import draws
 from warp_scanner.imperfections import imperfect
 from warp_scanner.pinhole import cast_image, cast_image_slots
 from warp_scanner.scan import Rays, Scan, cast_rays, cast_slots
@@ -82,3 +83,27 @@ def measured(
         rays = rays_of(sensor, pose)
         incidence = incidence_of(normals_of(scene[0], slot, distance, rays), rays)
     return imperfect(scan, incidence, sensor, *which)
+
+
+def with_noise(scan: Scan, sensor: Sensor, sigma: np.ndarray, which: tuple[int, np.ndarray]) -> Scan:
+    """The scan with independent Gaussian errors of its ranges; what they push out of the sensor's reach is lost.
+
+    Args:
+        scan: (R, P).
+        sensor: its range limits count.
+        sigma: (R,) standard deviations [m].
+        which: seed and (R,) room numbers: they fix every error.
+    """
+    if not np.any(sigma):
+        return scan
+    errors = draws.normal(draws.keys(*which), "pair range noise", scan.distance.shape[1])
+    distance = scan.distance + np.asarray(sigma, np.float32)[:, None] * errors
+    # Nothing is measured behind the sensor, and misses stay misses.
+    distance = np.where(distance > 0.0, distance, np.float32(np.inf))
+    return _gated(scan._replace(distance=distance), sensor)
+
+
+def _gated(scan: Scan, sensor: Sensor) -> Scan:
+    lost = np.isinf(scan.distance)
+    kept = Scan(scan.distance, np.where(lost, np.int32(-1), scan.element), np.where(lost, np.uint8(0), scan.semantic))
+    return within_reach(kept, sensor)

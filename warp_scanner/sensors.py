@@ -172,17 +172,6 @@ class Spinning:
 
 
 Sensor = Pinhole | Spinning
-
-
-def noisier(sensor: Sensor, sigma: float) -> Sensor:
-    """The sensor with further Gaussian noise of its ranges: a standard deviation [m] on top of its own."""
-    if sigma == 0.0:
-        return sensor
-    errors = sensor.imperfections
-    noise = float(np.hypot(errors.noise, sigma))
-    return dataclasses.replace(sensor, imperfections=dataclasses.replace(errors, noise=noise))
-
-
 KINDS: dict[str, type] = {"pinhole": Pinhole, "spinning": Spinning}  # as sensor files name them
 
 

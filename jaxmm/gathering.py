@@ -1,0 +1,91 @@
+"""Gathers the evidence of generated pairs in the ways in which real ones come: as geometry and rays, or as clouds.
+
+R pairs, N points of the side that is judged. World frame: metres, z up.
+"""
+
+import numpy as np
+
+from jaxmm.cloud_sighting import CloudPair, frame_of_pair, prior_view, robot_view
+from jaxmm.config import Config
+from jaxmm.evidence import features_of
+from jaxmm.sighting import expected_of, frames_of, prior_views, robot_views
+from jaxmm.simulator import CloudSource, pair_config
+from warp_scanner.pairs import Pairs, pairs_at
+from warp_scanner.points import Kept
+
+KINDS = ("exact", "cloud", "points")
+SHARES = (0.5, 0.25, 0.25)  # of the kinds, where they are mixed
+
+Seen = tuple[list[Kept], list[Kept], list[np.ndarray]]
+
+
+def gather(
+    config: Config, source: CloudSource, pairs: Pairs, seen: Seen, threads: int | None = None
+) -> list[np.ndarray]:
+    """What rays say of the points that a scenario's model sees, (N, F) float32 for each pair; F is 0 for `none`.
+
+    Args:
+        config: which kind of evidence, and how far off an estimated viewpoint is.
+        source: what the pairs are of.
+        pairs: scans of R rooms.
+        seen: of each pair the points that are judged, those of the other side, and the distances from the first to
+            the nearest of the second (N,) [m].
+        threads: how many to use; by default as many as the machine has cores.
+    """
+    rooms = len(pairs.pose.yaw)
+    if config.preprocess.evidence == "none":
+        return [np.zeros((len(kept.pixel), 0), np.float32) for kept in seen[0]]
+    draws = [_draws(pairs, row) for row in range(rooms)]
+    kinds = np.array([_kind(config, rng) for rng in draws])
+    found: dict[int, np.ndarray] = {}
+    exact = np.flatnonzero(kinds == "exact")
+    if len(exact):
+        some = tuple([field[row] for row in exact] for field in seen)
+        features = _exact(config, source, pairs_at(pairs, exact), some, threads)
+        found |= dict(zip(exact.tolist(), features, strict=True))
+    for row in np.flatnonzero(kinds != "exact").tolist():
+        one = tuple(field[row] for field in seen)
+        known = kinds[row] == "cloud"
+        found[row] = _from_clouds(config, source, (pairs, row, known), one, draws[row], threads)
+    return [found[row] for row in range(rooms)]
+
+
+def _exact(config: Config, source: CloudSource, pairs: Pairs, seen: Seen, threads: int | None) -> list[np.ndarray]:
+    """Ray by ray, against the prior's geometry."""
+    sensor = pair_config(config, source).sensor
+    expected = expected_of(pairs, sensor, threads)
+    if source.scenario.endswith("removed"):
+        views = prior_views(pairs, sensor, expected, (seen[0], seen[2]), threads)
+    else:
+        views = robot_views(pairs, expected, seen[0], threads)
+    return [features_of(view, frame) for view, frame in zip(views, frames_of(pairs, sensor), strict=True)]
+
+
+def _from_clouds(
+    config: Config,
+    source: CloudSource,
+    which: tuple[Pairs, int, bool],
+    seen: tuple[Kept, Kept, np.ndarray],
+    rng: np.random.Generator,
+    threads: int | None,
+) -> np.ndarray:
+    """From both clouds as they are left after preprocessing, and a viewpoint that is not quite right."""
+    (pairs, row, elements_known), (judged, other, apart) = which, seen
+    sensor = pairs.pose.position[row] + config.preprocess.viewpoint_error * rng.standard_normal(3)
+    removed = source.scenario.endswith("removed")
+    prior, robot = (judged, other) if removed else (other, judged)
+    element = pairs.dt.element[row, prior.pixel] if elements_known else None
+    pair = CloudPair(prior.points, robot.points, sensor, element)
+    view = prior_view(pair, apart, threads) if removed else robot_view(pair, apart, threads)
+    return features_of(view, frame_of_pair(pair))
+
+
+def _kind(config: Config, rng: np.random.Generator) -> str:
+    kind = config.preprocess.evidence
+    return str(rng.choice(KINDS, p=SHARES)) if kind == "mixed" else kind
+
+
+def _draws(pairs: Pairs, row: int) -> np.random.Generator:
+    """Draws that are the pair's own: its pose is as good as a key."""
+    pose = [*pairs.pose.position[row], pairs.pose.yaw[row], pairs.pose.pitch[row]]
+    return np.random.default_rng(np.asarray(pose, np.float32).view(np.uint32).tolist())
