@@ -12,7 +12,7 @@ from jaxmm.config import CONDITIONS, MOST_ROOMS, SCENARIOS
 from jaxmm.inputs import InputError
 
 ENGINES = ("local", "ray")
-THESIS_METHODS = ("released", "nn-raw", "nn", "xyz_nn")
+THESIS_METHODS = ("released", "nn-raw", "rule", "nn", "xyz_nn", "evidence")
 SCAN_SENSORS = (
     "oak-d-pro (default), oak-d-pro-small, velodyne-16, ouster-64 or tls, ideal within its range; with -real behind "
     "the name it errs as such devices do; or a TOML file"
@@ -109,7 +109,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("root", type=Path, metavar="ROOT", help="the thesis's public repository")
     command.add_argument("--method", required=True, choices=THESIS_METHODS)
     command.add_argument("--weights", type=Path, metavar="DIR", help="released .pth files, default below ROOT")
-    command.add_argument("--model", type=Path, metavar="RUN|FILE", help="our models, for nn and xyz_nn")
+    command.add_argument("--model", type=Path, metavar="RUN|FILE", help="our models, for nn, xyz_nn and evidence")
     command.add_argument("--out", type=Path, required=True, metavar="FILE.json")
 
     command = _command(commands, "scan", _scan, "jaxmm scan house.ifc --pose 4,-3,1.5,90 --out scan.ply")

@@ -86,7 +86,9 @@ class DataConfig:
 class PreprocessConfig:
     """From a raw scan to the cloud that a network sees."""
 
-    object_filter: str = one_of("height", "height", "semantic", "none")  # semantic: by the simulator's class ids
+    # height: by the ids of elements, as the thesis; semantic: by the simulator's classes; mixed: by height in half of
+    # the rooms, not at all in the others.
+    object_filter: str = one_of("height", "height", "semantic", "none", "mixed")
     filter_height: float = bounded(2.0, 0.0, 10.0)  # [m] above the floor that an object's top must reach
     voxel_size: float = bounded(0.1, 0.001, 10.0)  # [m]
     outlier_removal: bool = False

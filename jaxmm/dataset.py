@@ -5,6 +5,7 @@ import numpy as np
 from jaxmm import pipeline, shards
 from jaxmm.batches import LabelledCloud
 from jaxmm.config import CONDITIONS, SCENARIOS, SCENES, Config
+from jaxmm.sides import sides_of
 from jaxmm.simulator import CloudSource
 
 Rows = dict[str, np.ndarray]
@@ -35,7 +36,7 @@ def make_shard(config: Config, raw: bool, first: int, stop: int) -> bytes:
         source = CloudSource("", SCENES[kind[0]], CONDITIONS[kind[1]], config.data.train_seed)
         pairs = pipeline.pairs_of(config, source, rooms, threads=1)  # engines share out shards, not rays
         directions = pairs.directions
-        sides = pipeline.sides_of(config, pairs, threads=1)
+        sides = sides_of(config, pairs, threads=1)
         truths = [_truth(pairs, row) | (_raw_scans(pairs, row) if raw else {}) for row in range(len(rooms))]
         for scenario in np.unique(places.scenario[rows]):
             chosen = places.scenario[rows] == scenario

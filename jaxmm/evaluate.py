@@ -10,6 +10,7 @@ from jaxmm.box_match import match_boxes
 from jaxmm.boxes import Box, BoxSettings, fit_boxes
 from jaxmm.config import SCENARIOS, Config, NetworkConfig
 from jaxmm.metrics import point_metrics
+from jaxmm.rule import RULE, rule_scores
 from jaxmm.tables import LABEL_KINDS
 from jaxmm.train import Model, probabilities
 
@@ -36,6 +37,8 @@ def predict(model: Model, features: np.ndarray, network: NetworkConfig) -> np.nd
 def scores_of(cloud: LabelledCloud, scenario: str, models: dict[str, Model], network: NetworkConfig) -> dict[str, Any]:
     """Score (N,) of every point by method: the control's is a distance [m], the others' are probabilities."""
     scores = {CONTROL: cloud.distance}
+    if cloud.evidence.shape[1]:
+        scores[RULE] = rule_scores(cloud.evidence, removed=scenario.endswith("removed"))
     for method, stacked in models.items():
         model = pick_model(stacked, scenario)
         scores[method] = predict(model, features_of(method, cloud.points, cloud.distance, cloud.evidence), network)

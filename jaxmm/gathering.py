@@ -8,6 +8,7 @@ import numpy as np
 from jaxmm.cloud_sighting import CloudPair, frame_of_pair, prior_view, robot_view
 from jaxmm.config import Config
 from jaxmm.evidence import features_of
+from jaxmm.sides import own_draws
 from jaxmm.sighting import expected_of, frames_of, prior_views, robot_views
 from jaxmm.simulator import CloudSource, pair_config
 from warp_scanner.pairs import Pairs, pairs_at
@@ -35,7 +36,7 @@ def gather(
     rooms = len(pairs.pose.yaw)
     if config.preprocess.evidence == "none":
         return [np.zeros((len(kept.pixel), 0), np.float32) for kept in seen[0]]
-    draws = [_draws(pairs, row) for row in range(rooms)]
+    draws = [own_draws(pairs, row, 1) for row in range(rooms)]
     kinds = np.array([_kind(config, rng) for rng in draws])
     found: dict[int, np.ndarray] = {}
     exact = np.flatnonzero(kinds == "exact")
@@ -83,9 +84,3 @@ def _from_clouds(
 def _kind(config: Config, rng: np.random.Generator) -> str:
     kind = config.preprocess.evidence
     return str(rng.choice(KINDS, p=SHARES)) if kind == "mixed" else kind
-
-
-def _draws(pairs: Pairs, row: int) -> np.random.Generator:
-    """Draws that are the pair's own: its pose is as good as a key."""
-    pose = [*pairs.pose.position[row], pairs.pose.yaw[row], pairs.pose.pitch[row]]
-    return np.random.default_rng(np.asarray(pose, np.float32).view(np.uint32).tolist())

@@ -1,9 +1,7 @@
 """Joins simulator and learning: rooms are scanned and become labelled clouds, for training and for evaluation."""
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,15 +13,12 @@ from jaxmm.files import REMEDY, load_arrays, write_arrays
 from jaxmm.gathering import gather
 from jaxmm.inputs import InputError
 from jaxmm.labels import filter_labels, heuristic_labels
-from jaxmm.preprocess import FLOOR_TOLERANCE, object_filter, outlier_mask, structural_filter
+from jaxmm.sides import Sides, sides_of
 from jaxmm.simulator import CloudSource, pair_config, ray_count, scene_of
 from warp_scanner.neighbours import nearest
 from warp_scanner.pairs import Pairs, make_pairs
-from warp_scanner.points import Kept, points_of, tall_points
-from warp_scanner.poses import Pose
-from warp_scanner.scan import Scan
-from warp_scanner.scenes import PILLAR, STRUCTURE, WALL
-from warp_scanner.voxels import thin_clouds
+from warp_scanner.points import Kept
+from warp_scanner.scenes import PILLAR, WALL
 
 RAYS_AT_ONCE = 32 * 64_000  # of the rooms that are scanned together: bounds the memory
 _CLASSES = {"pillar": PILLAR, "wall": WALL}
@@ -50,24 +45,6 @@ def pairs_of(config: Config, source: CloudSource, index: np.ndarray, threads: in
     return make_pairs(pair_config(config, source), index, threads)
 
 
-class Sides(NamedTuple):
-    """Both scans of R pairs after preprocessing."""
-
-    dt: list[Kept]
-    robot: list[Kept]
-
-
-def sides_of(config: Config, pairs: Pairs, threads: int | None = None) -> Sides:
-    """Preprocess both scans of every pair.
-
-    Args:
-        config: how.
-        pairs: scans of R rooms.
-        threads: how many to use; by default as many as the machine has cores.
-    """
-    return Sides(*(_preprocessed(config, pairs, scan, threads) for scan in (pairs.dt, pairs.robot)))
-
-
 def clouds_of(
     config: Config, source: CloudSource, pairs: Pairs, threads: int | None = None, sides: Sides | None = None
 ) -> list[LabelledCloud]:
@@ -87,42 +64,6 @@ def clouds_of(
     evidence = gather(config, source, pairs, (seen, other, distances), threads)
     rows = range(len(seen))
     return [_labelled(config, source, pairs, row, (seen[row], distances[row], evidence[row])) for row in rows]
-
-
-def _preprocessed(config: Config, pairs: Pairs, scan: Scan, threads: int | None) -> list[Kept]:
-    """What survives the filters of one side's scans, room by room."""
-    filtered = _filtered(config, pairs, scan, threads)
-    chosen = thin_clouds([kept.points for kept in filtered], config.preprocess.voxel_size, threads)
-    thinned = [Kept(*(field[indices] for field in kept)) for kept, indices in zip(filtered, chosen, strict=True)]
-    if not config.preprocess.outlier_removal:
-        return thinned
-    with ThreadPoolExecutor(threads) as pool:
-        outliers = pool.map(lambda kept: outlier_mask(kept.points), thinned)
-        return [Kept(*(field[~mask] for field in kept)) for kept, mask in zip(thinned, outliers, strict=True)]
-
-
-def _filtered(config: Config, pairs: Pairs, scan: Scan, threads: int | None) -> list[Kept]:
-    """The returns of one side's scans that the object filter lets through."""
-    settings, half = config.preprocess, pairs.size[:, 2] / 2
-    view = (pairs.pose, pairs.directions)
-    keep = np.isfinite(scan.distance)
-    if settings.object_filter == "height":
-        tall = tall_points(*view, scan, (-half, half, settings.filter_height, FLOOR_TOLERANCE), threads)
-        unsure = [row for row, kept in enumerate(tall) if kept is None]
-        if not unsure:
-            return tall
-        for row in unsure:
-            there = np.flatnonzero(keep[row])
-            pose = Pose(*(field[row : row + 1] for field in pairs.pose))
-            points = points_of(pose, pairs.directions, scan.distance[row : row + 1])[0, there]
-            limits = (-float(half[row]), float(half[row]), settings.filter_height, FLOOR_TOLERANCE)
-            chosen = object_filter(points, scan.element[row, there], *limits)
-            tall[row] = Kept(points[chosen], there[chosen])
-        return tall
-    if settings.object_filter == "semantic":
-        keep &= structural_filter(scan.semantic, STRUCTURE)
-    points = points_of(*view, scan.distance, threads)
-    return [Kept(points[row, kept], np.flatnonzero(kept)) for row, kept in enumerate(keep)]
 
 
 def _distances(pairs: Pairs, seen: list[Kept], other: list[Kept], threads: int | None) -> list[np.ndarray]:

@@ -25,7 +25,6 @@ SCAN_NAME = re.compile(r"(?P<room>room_\w+?)_(?P<condition>clean|occluded)_(?P<s
 AUGMENTED = ("_rotated", "_translated")  # endings of the moved copies that the thesis also stored
 SAME_POINT = 1e-4  # [m] within which a row of a CSV is the same point as that of the .npy
 
-Scorer = Callable[[np.ndarray, np.ndarray], np.ndarray]  # distance (N,) [m], points (N, 3) [m] -> score (N,)
 BoxFinder = Callable[[np.ndarray, np.ndarray], list[dict[str, Any]]]  # points (N, 3) [m], score (N,) -> boxes
 
 
@@ -120,9 +119,12 @@ def read_pair(pair: ThesisPair) -> ThesisScan:
     return ThesisScan(points, other, nearest_distance(points, other), label, element)
 
 
-def nn_raw(distance: np.ndarray, points: np.ndarray) -> np.ndarray:
+Scorer = Callable[[ThesisScan], np.ndarray]  # -> score (N,), higher means rather changed
+
+
+def nn_raw(scan: ThesisScan) -> np.ndarray:
     """The control: the distance to the other scan is the score, no network at all."""
-    return distance
+    return scan.distance
 
 
 def score_pair(pair: ThesisPair, scorer: Scorer, find_boxes: BoxFinder | None = None) -> dict[str, Any]:
@@ -130,7 +132,7 @@ def score_pair(pair: ThesisPair, scorer: Scorer, find_boxes: BoxFinder | None = 
 
     Args:
         pair: which files.
-        scorer: (distance (N,), points (N, 3)) -> score (N,), higher means rather changed.
+        scorer: scan -> score (N,), higher means rather changed.
         find_boxes: (points, score) -> boxes, as they go into the row; None: the row has no boxes.
 
     Returns:
@@ -141,7 +143,7 @@ def score_pair(pair: ThesisPair, scorer: Scorer, find_boxes: BoxFinder | None = 
         InputError: see `read_pair`.
     """
     scan = read_pair(pair)
-    score = np.asarray(scorer(scan.distance, scan.points))
+    score = np.asarray(scorer(scan))
     positives = int(scan.label.sum())
     row = {
         "scenario": pair.scenario,

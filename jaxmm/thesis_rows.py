@@ -11,12 +11,15 @@ from jaxmm.evaluate import CONTROL, box_as_json, find_boxes, pick_model, predict
 from jaxmm.files import check_writable, write_json
 from jaxmm.inputs import InputError
 from jaxmm.network import from_torch
+from jaxmm.rule import RULE, rule_scores
 from jaxmm.runs import load_models, versions
-from jaxmm.thesis import Scorer, find_pairs, find_weights, nn_raw, score_pair
+from jaxmm.thesis import Scorer, ThesisScan, find_pairs, find_weights, nn_raw, score_pair
+from jaxmm.thesis_evidence import evidence_features, viewpoint_of
 from jaxmm.torch_weights import read_state_dict
 from jaxmm.train import Model
 
 RELEASED = "released"
+EVIDENCE = "evidence"
 
 
 def score_repository(root: Path, method: str, weights: Path | None, model: Path | None, out: Path) -> None:
@@ -24,7 +27,7 @@ def score_repository(root: Path, method: str, weights: Path | None, model: Path 
 
     Args:
         root: the thesis's repository.
-        method: "released", "nn-raw", or a method that `model` was trained with.
+        method: "released", "nn-raw", "rule", or a method that `model` was trained with.
         weights: where the released .pth files are, when not below `root`; only for "released".
         model: run folder or .safetensors file; only for our trained methods.
         out: JSON file to write.
@@ -34,7 +37,7 @@ def score_repository(root: Path, method: str, weights: Path | None, model: Path 
     """
     if weights is not None and method != RELEASED:
         raise InputError(f"--weights: only for --method {RELEASED}, got --method {method}")
-    trained = method not in (RELEASED, CONTROL)
+    trained = method not in (RELEASED, CONTROL, RULE)
     if trained != (model is not None):
         wish = "expected a run folder or .safetensors file" if trained else "only for our trained methods"
         raise InputError(f"--model: {wish}, with --method {method}")
@@ -44,12 +47,19 @@ def score_repository(root: Path, method: str, weights: Path | None, model: Path 
     rows = []
     for pair in pairs:
         rows.append(score_pair(pair, scorers[pair.scenario], _box_finder(pair.scenario, method)))
+        if method in (RULE, EVIDENCE):
+            blind = _scorers(method, weights or root, model, {pair.scenario}, elements=False)[pair.scenario]
+            rows[-1]["without_elements"] = score_pair(pair, blind)["by_element"]
         print(_line(rows[-1]))
     write_json(out, {"rows": rows, "meta": {"method": method, "versions": versions()}})
 
 
-def _scorers(method: str, weights: Path, model: Path | None, scenarios: set[str]) -> dict[str, Scorer]:
-    """Scenario -> function of (distance, points)."""
+def _scorers(
+    method: str, weights: Path, model: Path | None, scenarios: set[str], *, elements: bool = True
+) -> dict[str, Scorer]:
+    """Scenario -> scorer; `elements` says whether evidence may know those of the prior."""
+    if method == RULE:
+        return {name: _by_rule(name, elements=elements) for name in scenarios}
     if method == CONTROL:
         return dict.fromkeys(scenarios, nn_raw)
     if method == RELEASED:
@@ -60,6 +70,9 @@ def _scorers(method: str, weights: Path, model: Path | None, scenarios: set[str]
     models, config = load_models(model)
     if method not in models:
         raise InputError(f"{model}: expected models of method {method}, found {', '.join(models)}")
+    if method == EVIDENCE:
+        picked = {name: pick_model(models[method], name) for name in SCENARIOS}
+        return {name: _by_evidence(picked[name], name, config.network, elements=elements) for name in SCENARIOS}
     return {name: _network(pick_model(models[method], name), method, config.network) for name in SCENARIOS}
 
 
@@ -76,8 +89,20 @@ def _released(path: Path) -> Scorer:
 
 
 def _network(model: Model, method: str, network: NetworkConfig) -> Scorer:
-    def score(distance: np.ndarray, points: np.ndarray) -> np.ndarray:
-        return predict(model, features_of(method, points, distance), network)
+    return lambda scan: predict(model, features_of(method, scan.points, scan.distance), network)
+
+
+def _by_rule(scenario: str, *, elements: bool) -> Scorer:
+    def score(scan: ThesisScan) -> np.ndarray:
+        features = evidence_features(scan, scenario, viewpoint_of(scan), elements=elements)
+        return rule_scores(features, removed=scenario.endswith("removed"))
+
+    return score
+
+
+def _by_evidence(model: Model, scenario: str, network: NetworkConfig, *, elements: bool) -> Scorer:
+    def score(scan: ThesisScan) -> np.ndarray:
+        return predict(model, evidence_features(scan, scenario, viewpoint_of(scan), elements=elements), network)
 
     return score
 

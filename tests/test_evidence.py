@@ -23,7 +23,8 @@ from jaxmm.evidence import (
     margins,
     noise_of,
 )
-from jaxmm.pipeline import clouds, sides_of
+from jaxmm.pipeline import clouds
+from jaxmm.sides import sides_of
 from jaxmm.simulator import CloudSource
 from warp_scanner.pairs import PRESETS, make_pairs
 from warp_scanner.sensors import Pinhole

@@ -88,7 +88,7 @@ def test_a_row_holds_what_the_design_promises(repository):
     assert row["points"] == 40 and row["positives"] == 10 and row["roc_auc"] == 1 and row["fpr_at_95"] == 0
     assert list(row["by_element"]) == ["roc_auc", "fpr_at_95", "precision_at_95", "iou_at_95"]
     assert row["boxes"] == [box | {"points": 80}]
-    upside_down = thesis.score_pair(pair, lambda distance, points: -distance)
+    upside_down = thesis.score_pair(pair, lambda scan: -scan.distance)
     assert upside_down["roc_auc"] == 0 and upside_down["boxes"] == []
 
 
@@ -96,14 +96,14 @@ def test_points_of_the_changed_element_that_did_not_move_are_void(repository):
     (pair,) = thesis.find_pairs(repository)
     score = np.arange(40.0)
     score[29] = 99  # of element 2, but where it was: counts against the released labels, not by element
-    row = thesis.score_pair(pair, lambda distance, points: score)
+    row = thesis.score_pair(pair, lambda scan: score)
     assert row["roc_auc"] < 1 and row["by_element"]["roc_auc"] == 1
 
 
 def test_a_pair_without_positives_says_how_high_it_scored(repository):
     (pair,) = thesis.find_pairs(repository)
     np.save(pair.labels, np.zeros(40))
-    row = thesis.score_pair(pair, lambda distance, points: np.linspace(0, 0.75, 40))
+    row = thesis.score_pair(pair, lambda scan: np.linspace(0, 0.75, 40))
     assert row["max_probability"] == 0.75 and row["by_element"] is None and row["positives"] == 0
     assert all(row[name] is None for name in METRICS)
 
@@ -263,5 +263,5 @@ def test_released_networks_give_the_known_figures(data_root, pairs, key):
         pair for pair in pairs if (pair.source, pair.scenario, pair.condition) == key and pair.room == "room_test_1"
     )
     weights = read_state_dict(thesis.find_weights(data_root / "thesis")[pair.scenario])
-    row = thesis.score_pair(pair, lambda distance, points: forward(weights, distance))
+    row = thesis.score_pair(pair, lambda scan: forward(weights, scan.distance))
     assert rounded(row) == (REMOVED | ADDED)[key][1]

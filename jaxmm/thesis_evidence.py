@@ -1,0 +1,54 @@
+"""Evidence of the thesis's scan pairs: two filtered clouds, seen from a viewpoint that only they can tell.
+
+N points of the scored scan. World frame: metres, z up.
+"""
+
+import numpy as np
+
+from jaxmm.cloud_sighting import CloudPair, frame_of_pair, prior_view, robot_view
+from jaxmm.evidence import features_of
+from jaxmm.inputs import InputError
+from jaxmm.thesis import ThesisScan
+from jaxmm.viewpoint import Viewpoint, estimate
+
+
+def viewpoint_of(scan: ThesisScan) -> Viewpoint:
+    """Where both scans of a pair were taken from: of the two estimates the one that is surer.
+
+    Raises:
+        InputError: neither scan tells.
+    """
+    found, failed = [], []
+    for points in (scan.points, scan.other):
+        try:
+            found.append(estimate(points))
+        except InputError as error:
+            failed.append(error)
+    if not found:
+        raise failed[0]
+    return min(found, key=lambda viewpoint: float(np.linalg.norm(viewpoint.deviation[:3])))
+
+
+def evidence_features(
+    scan: ThesisScan, scenario: str, viewpoint: Viewpoint, *, elements: bool, threads: int | None = None
+) -> np.ndarray:
+    """What rays say of the points of the scored scan, (N, F) float32, columns as evidence.FEATURES.
+
+    Args:
+        scan: both clouds.
+        scenario: fixes which of them is the prior's.
+        viewpoint: of both.
+        elements: whether to know the elements of the prior's points; the robot's never are.
+        threads: how many to use; by default as many as the machine has cores.
+    """
+    removed = scenario.endswith("removed")
+    prior, robot = (scan.points, scan.other) if removed else (scan.other, scan.points)
+    element = _numbered(scan.element) if removed and elements and scan.element is not None else None
+    pair = CloudPair(prior, robot, viewpoint.position, element)
+    view = (prior_view if removed else robot_view)(pair, scan.distance, threads)
+    return features_of(view, frame_of_pair(pair))
+
+
+def _numbered(element: np.ndarray) -> np.ndarray:
+    """Elements numbered from 0: categoryIDs may be negative, which here means unknown."""
+    return np.unique(element, return_inverse=True)[1].ravel()
