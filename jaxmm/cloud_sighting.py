@@ -95,13 +95,13 @@ def _looked(seen: Side, other: Side, threads: int | None) -> tuple[np.ndarray, n
     if not count or not len(other.reach):
         return np.zeros((count, 4), np.int64), np.full(count, np.nan)
     grid = sort_directions(other.direction)
-    angle = np.clip(FOOTPRINT / np.maximum(seen.reach, 1e-3), 0.0, MOST_ANGLE)
+    angle, width = (np.clip(FOOTPRINT / np.maximum(side.reach, 1e-3), 0.0, MOST_ANGLE) for side in (seen, other))
     steep = np.minimum(np.sqrt(1.0 / np.maximum(seen.cosine, 1e-3) ** 2 - 1.0), STEEPEST)
     slope, nobody = seen.reach * steep, np.full(count, -1)
 
     def looked(margin: np.ndarray):
         targets = Targets(seen.direction, seen.reach, angle, margin, slope, nobody)
-        return look(grid, other.reach[None], [targets], threads=threads)[0]
+        return look(grid, other.reach[None], [targets], width=width[None], threads=threads)[0]
 
     # Once to learn how far ranges are apart where nothing changed, once with margins that allow for it.
     sigma = noise_of(looked(np.zeros(count)).residual, seen.cosine)

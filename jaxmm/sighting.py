@@ -70,7 +70,7 @@ def prior_views(
         unused = np.zeros(len(pixel), np.float32)
         targets.append(Targets(pairs.directions[pixel], reach, angle, unused, unused, pairs.dt.element[row, pixel]))
     predicted = Predicted(pairs.dt.distance, pairs.dt.element, expected.margin)
-    looks = look(sort_directions(pairs.directions), pairs.robot.distance, targets, predicted, threads)
+    looks = look(sort_directions(pairs.directions), pairs.robot.distance, targets, predicted, threads=threads)
     rows = range(len(looks))
     return [_prior_view(pairs, expected, row, (seen[0][row], seen[1][row]), looks[row]) for row in rows]
 

@@ -63,7 +63,7 @@ def test_counts_are_those_of_a_loop_over_all_rays(cell, exact):
         margin = rng.uniform(0.0, 1.0, distance.shape).astype(np.float32)
         predicted = Predicted(expected, rng.integers(0, 3, distance.shape).astype(np.int32), margin)
     grid = sort_directions(directions, cell)
-    found = look(grid, distance, targets, predicted, 2)
+    found = look(grid, distance, targets, predicted, threads=2)
     checked = 0
     for scan, (target, looks) in enumerate(zip(targets, found, strict=True)):
         one = None if predicted is None else Predicted(*(field[scan] for field in predicted))
@@ -74,7 +74,7 @@ def test_counts_are_those_of_a_loop_over_all_rays(cell, exact):
         np.testing.assert_allclose(looks.residual[~doubtful], residuals[~doubtful], atol=1e-4)
         checked += (counts[~doubtful] > 0).sum()
     assert checked > 500
-    for alone, together in zip(look(grid, distance, targets, predicted, 1), found, strict=True):
+    for alone, together in zip(look(grid, distance, targets, predicted, threads=1), found, strict=True):
         np.testing.assert_array_equal(alone.count, together.count)
 
 
@@ -93,6 +93,29 @@ def test_a_wall_that_is_gone_is_looked_through_and_a_nearer_one_blocks():
         assert np.all(looks.count.argmax(axis=1) == column) and np.all(looks.count.sum(axis=1) > 0)
         others = np.delete(looks.count, column, axis=1)
         assert others.sum() == 0
+
+
+def test_points_of_a_thinned_cloud_hide_what_is_beside_them():
+    """Voxels of 0.1 m at 1 m stand for a tenth of a radian each: nothing of a wall behind them shows in between."""
+    y, z = np.meshgrid(np.arange(-1.0, 1.01, 0.1), np.arange(-1.0, 1.01, 0.1))
+    screen = np.column_stack([np.ones(y.size), y.ravel(), z.ravel()])
+    reach = np.linalg.norm(screen, axis=1)
+    grid = sort_directions((screen / reach[:, None]).astype(np.float32))
+    rng = np.random.default_rng(0)
+    behind = np.column_stack([np.full(500, 3.0), rng.uniform(-2.5, 2.5, (500, 2))])
+    far = np.linalg.norm(behind, axis=1)
+    toward = (behind / far[:, None]).astype(np.float32)
+    target = Targets(toward, far, 0.05 / far, np.full(500, 0.1), np.zeros(500), np.full(500, -1))
+    (narrow,) = look(grid, reach[None], [target])
+    (wide,) = look(grid, reach[None], [target], width=0.08 / reach[None])
+    assert np.all(wide.count[:, 2] > 0) and np.mean(narrow.count[:, 2] > 0) < 0.5
+    # Beyond their range nothing is hidden, however wide they are.
+    nearer = target._replace(distance=np.full(500, 0.5))
+    np.testing.assert_array_equal(
+        look(grid, reach[None], [nearer], width=0.08 / reach[None])[0].count, look(grid, reach[None], [nearer])[0].count
+    )
+    with pytest.raises(ValueError, match="width"):
+        look(grid, reach[None], [target], width=np.ones((1, 3)))
 
 
 def test_every_ray_is_in_the_grid_once():

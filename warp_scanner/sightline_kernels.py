@@ -21,6 +21,8 @@ class Rays:
     expected: wp.array2d[wp.float32]  # (R, P) predicted along the same ray; (R, 0) where only points are known
     margin: wp.array2d[wp.float32]  # (R, P) of each such comparison
     element: wp.array2d[wp.int32]  # (R, P) predicted along the same ray
+    width: wp.array2d[wp.float32]  # (R, P) half width [rad] of what a ray stands for; (R, 0) where it has none
+    widest: wp.float32  # [rad] of those
 
 
 @wp.struct
@@ -63,7 +65,8 @@ def look(first: int, rays: Rays, points: Points, count: wp.array2d[wp.int32], re
     """Count what the rays within a point's footprint met, and take the mean of their residuals. One thread a point."""
     point = first + wp.tid()
     toward = points.direction[point]
-    angle = points.angle[point]
+    own = points.angle[point]
+    angle = wp.max(own, rays.widest)
     rows = rays.row_start.shape[0] - 1
     elevation = wp.asin(wp.clamp(toward[2], -1.0, 1.0))
     azimuth = wp.atan2(toward[1], toward[0])
@@ -75,7 +78,7 @@ def look(first: int, rays: Rays, points: Points, count: wp.array2d[wp.int32], re
     low = wp.max(0, int(wp.floor((elevation - angle + 0.5 * wp.pi) / rays.row_height)))
     high = wp.min(rows - 1, int(wp.floor((elevation + angle + 0.5 * wp.pi) / rays.row_height)))
     # The chord tells small angles apart where the cosine cannot.
-    reach = 2.0 * wp.sin(0.5 * wp.min(angle, wp.pi))
+    reach = 2.0 * wp.sin(0.5 * wp.min(own, wp.pi))
     total = float(0.0)
     returns = int(0)
     for row in range(low, high + 1):
@@ -90,9 +93,14 @@ def look(first: int, rays: Rays, points: Points, count: wp.array2d[wp.int32], re
             at = begin + (cell + cells) % cells
             for place in range(rays.cell_start[at], rays.cell_start[at + 1]):
                 apart = wp.length(rays.direction[place] - toward)
-                if apart <= reach:
+                near = apart <= reach
+                hides = not near and rays.width.shape[1] > 0
+                if hides:
+                    hides = apart <= rays.width[points.scan[point], rays.ray[place]]
+                if near or hides:
                     side = compare(rays, points, point, place, apart)
-                    if side >= 0:
+                    # A point that is close to the sensor hides what is beside its own direction.
+                    if (near and side >= 0) or side == 2:
                         count[point, side] += 1
                         if side < 3:
                             scan = points.scan[point]

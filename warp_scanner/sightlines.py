@@ -90,6 +90,7 @@ def look(
     distance: np.ndarray,
     targets: Sequence[Targets],
     predicted: Predicted | None = None,
+    width: np.ndarray | None = None,
     threads: int | None = None,
 ) -> list[Looks]:
     """Compare each point with the rays of its scan that lie within the point's footprint.
@@ -103,6 +104,8 @@ def look(
         distance: (R, P) measured ranges [m] in the order of the directions that were sorted, inf = no return.
         targets: the points of each of R scans.
         predicted: what the rays should meet.
+        width: (R, P) half width [rad] of what each ray stands for, where rays are points of a thinned cloud: those
+            that end before a point count as BLOCKED if the point lies within their width.
         threads: how many to use; by default as many as the machine has cores.
 
     Raises:
@@ -113,11 +116,13 @@ def look(
         raise ValueError(f"distance must be {(len(targets), len(grid.ray))}, got {distance.shape}")
     if predicted is not None and any(np.shape(field) != distance.shape for field in predicted):
         raise ValueError(f"predicted must be {distance.shape}, got {[np.shape(field) for field in predicted]}")
+    if width is not None and np.shape(width) != distance.shape:
+        raise ValueError(f"width must be {distance.shape}, got {np.shape(width)}")
     start = starts_of([len(target.distance) for target in targets])
     count, residual = np.zeros((start[-1], 4), np.int32), np.full(start[-1], np.nan, np.float32)
     if start[-1]:
         load(kernels)
-        rays, points = _rays(grid, distance, predicted), _points(targets, start)
+        rays, points = _rays(grid, distance, predicted, width), _points(targets, start)
         outputs = [share(count, wp.int32), share(residual, wp.float32)]
 
         def launch(first: int, size: int) -> None:
@@ -127,7 +132,7 @@ def look(
     return [Looks(count[a:b], residual[a:b]) for a, b in pairwise(start)]
 
 
-def _rays(grid: Grid, distance: np.ndarray, predicted: Predicted | None) -> kernels.Rays:
+def _rays(grid: Grid, distance: np.ndarray, predicted: Predicted | None, width: np.ndarray | None) -> kernels.Rays:
     rays = kernels.Rays()
     rays.direction, rays.ray = share(grid.direction, wp.vec3), share(grid.ray, wp.int32)
     rays.row_start, rays.cell_start = share(grid.row_start, wp.int32), share(grid.cell_start, wp.int32)
@@ -138,6 +143,8 @@ def _rays(grid: Grid, distance: np.ndarray, predicted: Predicted | None) -> kern
     rays.expected = share(np.asarray(expected, np.float32), wp.float32)
     rays.margin = share(np.asarray(margin, np.float32), wp.float32)
     rays.element = share(np.asarray(element, np.int32), wp.int32)
+    width = nothing if width is None else np.asarray(width, np.float32)
+    rays.width, rays.widest = share(width, wp.float32), float(width.max(initial=0.0))
     return rays
 
 
