@@ -11,12 +11,12 @@ TEXT = """# Scans of generated rooms before and after a change
 
 ## What it is
 
-Each pair is one generated room, scanned twice by a virtual depth camera from one pose: the *DT scan* of the building
+Each pair is one generated room, scanned twice by a virtual sensor from one pose: the *DT scan* of the building
 model, and the *robot scan* of reality. Between the two, one pillar or wall was added or removed, or several were, or
-nothing was; in `occluded` pairs reality also holds furniture that the model does not know. Every pair is stored as the
-cloud that the model of its scenario scores: the DT scan where something was removed, the robot scan where something
-was added, after the filters and the voxel grid that the settings name. The simulator knows which returns came from
-the changed object, so `true` has no errors of annotation.
+nothing was; in `occluded` pairs reality also holds furniture, which the model does not know or holds elsewhere. Every
+pair is stored as the cloud that the model of its scenario scores: the DT scan where something was removed, the robot
+scan where something was added, after the filters and the voxel grid that the settings name. The simulator knows which
+returns came from the changed object, so `true` has no errors of annotation.
 
 ## What it is not
 
@@ -49,6 +49,11 @@ A return with `true` and without `testable` is one that no method could know: le
 
 ## Known limits
 
+- The robot's points lie where the robot is *believed* to be: with a pose error, `sensor_*` put its ranges there, not
+  `true_*`.
+- `object_filter = "height"`, the thesis's filter, judges an object by its scanned points. A changed object whose top
+  is not in view is filtered out with the furniture, and its pair has no positive point: ask for "none" to keep it.
+- A pair with several changes is negative for every model whose kind of change is not among them.
 - `heuristic` repeats the thesis's labels, errors included: it is there to measure what such labels cost.
 - Scenes of one seed share room numbers, not rooms: which room a number gives depends on the scene, for rooms are
   redrawn until the change is in view. `clean` and `occluded` of one number do share room, pose and changed object: keep

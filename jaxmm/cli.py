@@ -9,17 +9,19 @@ from pathlib import Path
 from typing import NoReturn
 
 from jaxmm.config import CONDITIONS, MOST_ROOMS, SCENARIOS
+from jaxmm.files import check_writable
 from jaxmm.inputs import InputError
 
 ENGINES = ("local", "ray")
 THESIS_METHODS = ("released", "nn-raw", "rule", "nn", "xyz_nn", "evidence")
+FEW_RETURNS = 0.05  # share of rays below which a scan is hardly one
 SCAN_SENSORS = (
     "oak-d-pro (default), oak-d-pro-small, velodyne-16, ouster-64 or tls, ideal within its range; with -real behind "
     "the name it errs as such devices do; or a TOML file"
 )
 SCAN_FILES = (
     ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic) or .csv: the returns with the element of each; "
-    ".npz: every ray, returned or not, and the elements' names"
+    ".npz: every ray, returned or not, and a table of the elements"
 )
 
 
@@ -122,7 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--out", type=Path, required=True, metavar="FILE", help=SCAN_FILES)
     command.add_argument("--open-doors", action="store_true", help="leave doors out")
     command.add_argument("--clear-glass", action="store_true", help="let rays pass through the glass of windows")
-    command.add_argument("--y-up", action="store_true", help="y is up in the mesh file")
+    command.add_argument("--up", choices=("y", "z"), help="axis of the mesh file; default: y in glTF, z in all others")
     command.add_argument("--unit", type=float, default=1.0, metavar="METRES", help="length of the mesh file's unit")
     return parser
 
@@ -225,15 +227,16 @@ def _scan(options: argparse.Namespace) -> None:
     from warp_scanner.triangles import cast_faces, face_normals, prepare
 
     clouds.check_format(options.out)
-    if options.seed < 0:
-        raise InputError(f"--seed: expected at least 0, got {options.seed}")
+    check_writable(options.out, "--out")
+    if not 0 <= options.seed < 2**63:
+        raise InputError(f"--seed: expected at least 0 and below 2^63, got {options.seed}")
     position, yaw, pitch = _pose(options.pose)
     try:
         sensor = sensors.sensor_named(options.sensor)
         reading = buildings.ReadOptions(
             glass="transparent" if options.clear_glass else "solid",
             doors="open" if options.open_doors else "closed",
-            y_up=options.y_up,
+            y_up=None if options.up is None else options.up == "y",
             unit=options.unit,
         )
         building = read_building(options.scene, reading)
@@ -249,11 +252,13 @@ def _scan(options: argparse.Namespace) -> None:
     incidence = np.where(np.isfinite(found.distance), incidence, np.nan).astype(np.float32)
     light = intensity_of(found.distance, found.semantic, incidence)
     arrays = (field[0] for field in (*found, incidence, light))
-    scan = clouds.SensorScan(np.asarray(position), rotation[0], directions, *arrays, building.elements.guid)
+    scan = clouds.SensorScan(np.asarray(position), rotation[0], directions, *arrays, building.elements)
     clouds.write_scan(options.out, scan)
     for remark in buildings.remarks(building):
         print(remark)
     hits = int(np.isfinite(scan.distance).sum())
+    if hits < FEW_RETURNS * len(directions):
+        print(f"note: only {hits / len(directions):.1%} of the rays return; is the sensor inside of something?")
     print(
         f"{hits} returns of {len(directions)} rays, {len(set(scan.element[scan.element >= 0]))} elements: {options.out}"
     )

@@ -7,14 +7,24 @@ of the elements as well. Only NPZ holds the rays without a return, and the incid
 
 import uuid
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from jaxmm.files import write_arrays, write_atomically, write_text
 from jaxmm.inputs import CSV_COLUMNS, InputError
 
+PCD_SINGLE = 4096.0  # [m] coordinates that single precision holds to a quarter of a millimetre
 E57_EXTENSION = "urn:jaxmm:e57:element"  # names what jaxmm: stands for in an E57 file
+
+
+class Elements(Protocol):
+    """What is known of each element, as buildings.Elements tells it; (E,) each."""
+
+    guid: tuple[str, ...]
+    ifc_class: tuple[str, ...]
+    name: tuple[str, ...]
+    storey: Any
 
 
 class SensorScan(NamedTuple):
@@ -28,7 +38,7 @@ class SensorScan(NamedTuple):
     semantic: np.ndarray  # (P,) uint8; 0 where nothing was hit
     incidence: np.ndarray  # (P,) float32 [rad]; NaN where nothing was hit
     intensity: np.ndarray  # (P,) float32, 1 = white, 1 m away and seen head-on; 0 where nothing was hit
-    guid: tuple[str, ...]  # of the elements
+    elements: Elements
 
 
 def local_points(scan: SensorScan) -> np.ndarray:
@@ -88,12 +98,15 @@ def _write_ply(path: Path, scan: SensorScan) -> None:
 
 
 def _write_pcd(path: Path, scan: SensorScan) -> None:
+    """World coordinates in single precision where that is exact to a quarter of a millimetre, as not all readers know
+    doubles; VIEWPOINT is the sensor's pose in the same frame."""
     from pypcd4 import PointCloud
 
     hit, points = np.isfinite(scan.distance), world_points(scan)
     columns = [*points.T, scan.element[hit], scan.semantic[hit], scan.intensity[hit]]
     names = ("x", "y", "z", "element", "semantic", "intensity")
-    cloud = PointCloud.from_points(columns, names, (*[np.float64] * 3, np.int32, np.uint8, np.float32))
+    coordinate = np.float32 if np.abs(points).max() < PCD_SINGLE else np.float64
+    cloud = PointCloud.from_points(columns, names, (*[coordinate] * 3, np.int32, np.uint8, np.float32))
     cloud.metadata.viewpoint = tuple(float(value) for value in (*scan.position, *_quaternion(scan.rotation)))
     write_atomically(path, cloud.save)
 
@@ -143,7 +156,7 @@ def _add_e57_scan(file: Any, scan: SensorScan, columns: dict[str, np.ndarray]) -
     pose.set("rotation", structure(**dict(zip("wxyz", _quaternion(scan.rotation), strict=True))))
     pose.set("translation", structure(**dict(zip("xyz", scan.position, strict=True))))
     node.set("jaxmm:guid", guids)
-    for guid in scan.guid:
+    for guid in scan.elements.guid:
         guids.append(libe57.StringNode(image, guid))
     prototype, buffers = libe57.StructureNode(image), libe57.VectorSourceDestBuffer()
     for name, column in columns.items():
@@ -172,7 +185,7 @@ def _write_csv(path: Path, scan: SensorScan) -> None:
 
 
 def _write_npz(path: Path, scan: SensorScan) -> None:
-    """Every ray, misses too: the fields of a SensorScan, but for `origin` of the rays and their `direction`."""
+    """Every ray, misses too, as the fields of a SensorScan; origin and direction of the rays; a table of elements."""
     write_arrays(
         path,
         {
@@ -184,7 +197,7 @@ def _write_npz(path: Path, scan: SensorScan) -> None:
             "direction": scan.directions,
             "origin": np.asarray(scan.position, np.float64),
             "rotation": np.asarray(scan.rotation, np.float64),
-            "guid": np.array(scan.guid, dtype=np.str_),
+            **{name: np.array(getattr(scan.elements, name)) for name in ("guid", "ifc_class", "name", "storey")},
         },
     )
 

@@ -180,7 +180,7 @@ class Config:
 
     def __post_init__(self):
         if "evidence" in self.train.methods and self.preprocess.evidence == "none":
-            raise ConfigError("train: the method evidence needs some evidence in [preprocess], got none")
+            raise ValueError("train: the method evidence needs some evidence in [preprocess], got none")
 
 
 def load(path: Path | str) -> Config:

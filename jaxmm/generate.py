@@ -16,14 +16,15 @@ from tqdm import tqdm
 
 from jaxmm import card, dataset, local_engine, runs, shards, simulator
 from jaxmm.config import Config
+from jaxmm.evidence import FEATURES
 from jaxmm.files import write_atomically, write_text
 from jaxmm.inputs import InputError
 from jaxmm.shards import Entry, Manifest
 
 PAIRS_PER_SHARD = 64
 RAW_SHARD_BYTES = 64e6  # raw scans are large: fewer pairs a shard bound the memory of a worker
-POINT_BYTES, RAW_RAY_BYTES = 23, 18  # of one point of a cloud, and of one ray of both raw scans
-SAMPLE = 8  # pairs that tell how large a pair is
+POINT_BYTES, RAW_RAY_BYTES = 23 + 4 * len(FEATURES), 18  # of one point of a cloud, and of one ray of both raw scans
+SAMPLE = 64  # pairs that tell how large a pair is
 OWN_FILES = {".lock", runs.CONFIG, runs.VERSIONS, shards.MANIFEST, card.CARD, "shards"}
 MANIFEST_SHARE = 0.02  # of the time, at most, may go into rewriting the manifest
 
@@ -57,6 +58,8 @@ def generate(config: Config, folder: Path, request: Request) -> Manifest:
         manifest = _opened(config, folder, request)
         earlier = dict(manifest.shards)  # what repaired shards must turn out to be
         _drop_damaged(folder, manifest, request)
+        if request.verify or request.repair:
+            print(f"{len(manifest.shards)} shards are whole", file=sys.stderr)
         _fill(config, folder, manifest, (results, request.workers, earlier))
         write_text(folder / card.CARD, card.text(manifest, simulator.errors_of(config)))
     return manifest
@@ -82,10 +85,18 @@ def _opened(config: Config, folder: Path, request: Request) -> Manifest:
         shards.write_manifest(folder, manifest)
         return manifest
     manifest = shards.read_manifest(folder)
-    for name in ("count", "raw"):
-        held, asked = getattr(manifest, name), getattr(request, name)
-        if held != asked:
-            raise InputError(f"{folder}: holds shards of {name} {held}, got {asked}; choose another --out or remove it")
+    if manifest.raw != request.raw:
+        kinds = {True: "with raw scans", False: "without raw scans"}
+        raise InputError(f"{folder}: holds shards {kinds[manifest.raw]}; choose another --out or remove it")
+    if manifest.count > request.count:
+        raise InputError(f"{folder}: holds {manifest.count} pairs, got --count {request.count}; choose another --out")
+    if manifest.count < request.count:
+        last = manifest.shard_count - 1
+        grown = manifest._replace(count=request.count)
+        if manifest.span(last) != grown.span(last):  # the last shard was a short one
+            grown.shards.pop(last, None)
+        shards.write_manifest(folder, grown)
+        return grown
     return manifest
 
 

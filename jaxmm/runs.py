@@ -79,7 +79,18 @@ def open_run(folder: Path, config: Config) -> Iterator[None]:
             write_text(folder / CONFIG, tomli_w.dumps(as_table(config)))
         for temporary in folder.rglob(".*.tmp"):  # of a process that was killed
             temporary.unlink()
-        yield
+        try:
+            yield
+        except (InputError, RuntimeError):
+            _forget_unbegun(folder)  # so that the same command with the mistake put right is not another run
+            raise
+
+
+def _forget_unbegun(folder: Path) -> None:
+    """Take the settings out of a folder that holds no work yet."""
+    if {path.name for path in folder.iterdir()} <= {".lock", CONFIG, VERSIONS, "manifest.json"}:
+        for name in (CONFIG, VERSIONS, "manifest.json"):
+            (folder / name).unlink(missing_ok=True)
 
 
 def _check_versions(folder: Path) -> None:

@@ -14,6 +14,8 @@ from warp_scanner.sensors import Pinhole, Sensor, sensor_of
 MULTI = "multi"  # the scenes of MULTI_SCENARIOS in turn
 _OWN = {"seed", "scenario", "condition", "room", "sensor"}  # fields of a PairConfig that `scan` does not set as such
 
+_UNITS = dict.fromkeys(("noise", "quantum", "mixed_step", "position_error", "range_noise", "range_noise_spread"), " m")
+_UNITS |= dict.fromkeys(("grazing_start", "mixed_angle", "angle_error"), " degrees") | {"noise_per_square": " per m"}
 _ERRORS = ("range_noise", "range_noise_spread", "position_error", "angle_error")
 
 
@@ -82,9 +84,14 @@ def errors_of(config: Config) -> str:
     pair = _any_pair(config)
     errors = dataclasses.asdict(pair.sensor.imperfections)
     default = dataclasses.asdict(Imperfections())
-    told = [f"{name} {value:g}" for name, value in errors.items() if name != "class_dropout" and value != default[name]]
+    told = [
+        f"{name} {value:g}{_UNITS.get(name, '')}"
+        for name, value in errors.items()
+        if name != "class_dropout" and value != default[name]
+    ]
     told += ["dropout by class"] * bool(errors["class_dropout"])
-    told += [f"{name} {getattr(pair, name):g}" for name in _ERRORS if getattr(pair, name)]
+    told += [f"{name} {getattr(pair, name):g}{_UNITS.get(name, '')}" for name in _ERRORS if getattr(pair, name)]
+    told += [f"in {pair.erring_share:g} of the rooms only"] if told and pair.erring_share < 1.0 else []
     return ", ".join(told) or "none"
 
 

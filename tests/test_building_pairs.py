@@ -21,6 +21,8 @@ from warp_scanner.scenes import PILLAR, WALL
 from warp_scanner.sensors import Pinhole, Standing, rotation_of
 from warp_scanner.triangles import cast_triangles, clearance, prepare
 
+Y_UP = trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0])  # as glTF wants it
+
 SENSOR = Pinhole(96, 60)
 FILES = (
     "IfcOpenHouse_IFC4",
@@ -41,7 +43,7 @@ def built(folder, parts) -> Building:
         box = trimesh.creation.box(extents=size).apply_translation(center)
         scene.add_geometry(box, node_name=name, geom_name=f"geometry {name}")
     path = folder / "building.glb"
-    path.write_bytes(scene.export(file_type="glb"))
+    path.write_bytes(scene.apply_transform(Y_UP).export(file_type="glb"))
     return read_building(path)
 
 
@@ -189,7 +191,7 @@ def test_refuses_what_the_building_lacks_and_wrong_settings(hall, tmp_path):
     path = tmp_path / "floor.glb"
     scene = trimesh.Scene()
     scene.add_geometry(trimesh.creation.box(extents=[9, 9, 0.2]), node_name="floor")
-    path.write_bytes(scene.export(file_type="glb"))
+    path.write_bytes(scene.apply_transform(Y_UP).export(file_type="glb"))
     with pytest.raises(ValueError, match="needs a wall at least 1 m high; this building has none"):
         pairs_of(read_building(path), scenario="wall_removed")
     with pytest.raises(ValueError, match="index must be"):

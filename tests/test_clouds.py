@@ -9,6 +9,7 @@ import trimesh
 
 from jaxmm import clouds, inputs
 from jaxmm.inputs import InputError
+from warp_scanner.buildings import Elements
 from warp_scanner.sensors import Pinhole, rotation_of
 
 GRID = np.array([192_340.125, 444_123.375, 12.5])  # [m] a place on a national grid
@@ -27,7 +28,9 @@ def scan():
     incidence = np.where(np.isfinite(distance), rng.uniform(0.0, 1.5, len(distance)), np.nan).astype(np.float32)
     light = np.where(np.isfinite(distance), rng.uniform(0.0, 1.0, len(distance)), 0.0).astype(np.float32)
     rays = (directions, distance, element, semantic, incidence, light)
-    return clouds.SensorScan(GRID, rotation, *rays, ("a", "b", "c"))
+    ids, storey = ("a", "b", "c"), np.array([0, -1, 0], np.int32)
+    elements = Elements(ids, ("IfcWall", "", "IfcDoor"), ("North", "", "Öffnung"), storey, np.zeros(3, np.uint8))
+    return clouds.SensorScan(GRID, rotation, *rays, elements)
 
 
 def expected_points(scan):
@@ -103,7 +106,8 @@ def test_an_archive_keeps_every_ray_and_the_names_of_the_elements(scan, tmp_path
             + (arrays["direction"] * arrays["distance"][:, None].astype(float))[np.isfinite(arrays["distance"])]
             @ arrays["rotation"].T
         )
-        assert arrays["guid"].tolist() == ["a", "b", "c"]
+        for name in ("guid", "ifc_class", "name", "storey"):
+            assert arrays[name].tolist() == list(getattr(scan.elements, name))
     np.testing.assert_allclose(points, expected_points(scan), rtol=0, atol=1e-5)
 
 
@@ -132,3 +136,14 @@ def test_a_full_disk_leaves_nothing_half_written(scan, tmp_path, monkeypatch, su
         clouds.write_scan(path, scan)
     assert failure.value.filename == str(path)
     assert path.read_text() == "before" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_pcd_is_single_precision_where_that_is_exact_enough(scan, tmp_path):
+    """Not every reader knows doubles; those of a national grid need them."""
+    pypcd4 = pytest.importorskip("pypcd4")
+    for position, dtype, error in ((GRID, np.float64, 1e-6), (GRID / 1000, np.float32, 2.5e-4)):
+        near = scan._replace(position=position)
+        clouds.write_scan(tmp_path / "scan.pcd", near)
+        cloud = pypcd4.PointCloud.from_path(tmp_path / "scan.pcd")
+        assert cloud.types[:3] == (dtype,) * 3
+        np.testing.assert_allclose(cloud.numpy(("x", "y", "z")), expected_points(near), rtol=0, atol=error)

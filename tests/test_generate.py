@@ -136,6 +136,12 @@ def test_what_is_there_is_not_made_again(config, expected, tmp_path, monkeypatch
     assert files(tmp_path / "out") == expected
 
 
+def test_a_folder_grows_to_what_a_larger_one_would_have_been(config, expected, tmp_path):
+    for count in (9, 11, COUNT):
+        generate.generate(load(config), tmp_path / "out", Request(count, workers=1))
+    assert files(tmp_path / "out") == expected
+
+
 def write_all(folder, content):
     for name, data in content.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -157,7 +163,7 @@ def test_damaged_shards_are_named_and_made_again_on_request(harm, config, expect
     assert files(tmp_path) != expected
     assert said(*arguments, "--repair", "--workers", 1)[0] == 0
     assert files(tmp_path) == expected
-    assert said(*arguments, "--verify") == (0, ["generate pairs"])
+    assert said(*arguments, "--verify") == (0, ["7 shards are whole", "generate pairs"])
 
 
 def test_a_repair_that_gives_other_bits_is_no_repair(config, expected, tmp_path, monkeypatch, said):
@@ -208,8 +214,8 @@ def test_a_folder_of_something_else_is_refused_and_left_alone(config, expected, 
     refused([*arguments, run, "--count", 8], run, "models.safetensors")
     folder = tmp_path / "shards"
     write_all(folder, expected)
-    refused([*arguments, folder, "--count", 8], folder, "count 26, got 8")
-    refused([*arguments, folder, "--count", COUNT, "--raw"], folder, "raw False, got True")
+    refused([*arguments, folder, "--count", 8], folder, "holds 26 pairs, got --count 8")
+    refused([*arguments, folder, "--count", COUNT, "--raw"], folder, "without raw scans")
     other = tmp_path / "other.toml"
     other.write_text("seed = 9\n" + SETTINGS)
     refused(["generate", other, "--out", folder, "--count", COUNT], folder, "other settings")

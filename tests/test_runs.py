@@ -15,11 +15,11 @@ import pytest
 import safetensors.numpy
 
 from jaxmm import files, runs
-from jaxmm.config import Config, NetworkConfig, load
+from jaxmm.config import Config, NetworkConfig, Table, load
 from jaxmm.inputs import InputError
 from jaxmm.train import init_all
 
-CONFIG = Config(network=NetworkConfig((4, 8), (4,)), room=(("size", (9.0, 9.0, 3.0)),))
+CONFIG = Config(network=NetworkConfig((4, 8), (4,)), room=Table.of({"size": [9.0, 9.0, 3.0]}))
 
 
 def names(folder):
@@ -139,6 +139,18 @@ def test_other_settings_are_refused(tmp_path):
     other = dataclasses.replace(CONFIG, seed=1)
     refused(lambda: runs.open_run(tmp_path, other).__enter__(), tmp_path, "other settings")
     assert runs.read_config(tmp_path) == CONFIG
+
+
+def test_a_mistake_that_is_put_right_is_not_another_run(tmp_path):
+    """Settings that led to no work do not bind the folder; those that did, do."""
+    other = dataclasses.replace(CONFIG, seed=1)
+    with pytest.raises(InputError, match="no shards"), runs.open_run(tmp_path, CONFIG):
+        raise InputError("no shards")
+    with pytest.raises(InputError, match="again"), runs.open_run(tmp_path, other):
+        (tmp_path / "data").mkdir()
+        raise InputError("again")
+    assert runs.read_config(tmp_path) == other
+    refused(lambda: runs.open_run(tmp_path, CONFIG).__enter__(), tmp_path, "other settings")
 
 
 def test_a_folder_that_was_killed_while_it_was_made_opens(tmp_path):

@@ -12,6 +12,7 @@ from warp_scanner.buildings import AS_IT_IS, NO_STOREYS, Building, Failure, Foun
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
 
 SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl")
+_GLTF = (".glb", ".gltf")  # their standard has y up
 _WORDS = (("wall", WALL), ("column", PILLAR), ("pillar", PILLAR), ("door", DOOR), ("window", WINDOW), ("floor", FLOOR),
           ("slab", FLOOR), ("ceiling", CEILING), ("roof", CEILING), ("furniture", FURNITURE))  # fmt: skip
 
@@ -30,6 +31,7 @@ def read_mesh(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
     if not path.is_file():
         raise ValueError(f"{path}: expected a file, found {'a folder' if path.is_dir() else 'nothing there'}")
     nodes = _nodes(path)
+    y_up = path.suffix.lower() in _GLTF if options.y_up is None else options.y_up
     parts, names = [], set()
     for name, mesh in nodes:
         semantic = next((semantic for word, semantic in _WORDS if word in name.lower()), OTHER)
@@ -38,7 +40,7 @@ def read_mesh(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
         guid = next(g for n in range(len(nodes) + 1) if (g := f"{name}_{n}" if n else name) not in names)
         names.add(guid)
         vertices = np.asarray(mesh.vertices, np.float64) * options.unit
-        if options.y_up:
+        if y_up:
             vertices = vertices @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
         parts.append(Part(guid, "", name, -1, semantic, vertices, np.asarray(mesh.faces, np.int64).reshape(-1, 3)))
     if not parts:
@@ -81,5 +83,5 @@ def _nodes(path: Path) -> list[tuple[str, Any]]:
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
                 nodes.append((str(node), mesh.copy().apply_transform(matrix)))
     except Exception as error:  # every format's parser raises classes of its own
-        raise ValueError(f"{path}: not a readable mesh file: {' '.join(str(error).split())[:150]}") from error
+        raise ValueError(f"{path}: not a readable mesh file ({type(error).__name__})") from error
     return nodes

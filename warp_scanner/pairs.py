@@ -55,6 +55,8 @@ class PairConfig:
         for name in ("sensor_gap", "range_noise", "testable_margin", *spreads):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
+        if not hasattr(self.sensor, "directions"):
+            raise ValueError(f"sensor must be one as sensors.sensor_named gives, got {self.sensor!r}")
         if not 0.0 <= self.erring_share <= 1.0:
             raise ValueError(f"erring_share must be between 0 and 1, got {self.erring_share}")
         lowest, highest = self.sensor_height - self.sensor_height_spread, self.sensor_height + self.sensor_height_spread
