@@ -1,0 +1,324 @@
+"""Where a cloud was scanned from: the pose of the one pinhole camera whose pyramid of view the cloud just fills.
+
+World frame: metres, z up. Sensor frame: x forward, y left, z up; pitch up, then yaw, no roll. N points; M of them lie
+at the edges of the view. A pose in here is (5,): x, y, z [m], yaw, pitch [rad].
+
+The pyramid has four planes through the camera. All points lie inside of each, and where the view cuts through floor,
+walls and ceiling, points lie along the whole of each edge. Four planes that are merely touched leave a few poses for
+every pitch; these are ranked by how much of the edges the points touch, and by how many points would be hidden behind
+others. The best are refined by a linear programme that would rather leave a gap than a point outside.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linprog
+from scipy.spatial import cKDTree
+
+from jaxmm.inputs import InputError
+
+LEAST_POINTS = 200  # below, the edges of the view are guesswork
+LEAST_TOUCHED = 0.6  # of the edges; generated rooms have 0.75 and more, wrong poses rarely half
+MOST_HIDDEN = 0.12  # of the points; a right pose has up to 0.08 in clouds of a thousand points, far less in large ones
+LEAST_LEAD = 0.1  # in score over any other pose
+MOST_UNSURE = (0.5, 5.0)  # [m, deg] standard deviation of a coordinate, beyond which it is no estimate
+
+_BINS = 24  # stretches that an edge is cut into: each counts once, however many points it holds
+_SLACK = 0.1  # of half the view: points farther outside are strays
+_REACH = 3.0  # [spacings] from an edge within which a stretch counts as touched, the less the farther
+_OUTSIDE = 8.0  # what a point outside costs, as a multiple of one as far inside
+_INSET = 0.3  # [spacings] by which the outermost points may lie inside of the edge: half a pixel, part of a voxel
+_THIN = 3000  # points that poses are searched with
+_PITCHES = np.radians(np.arange(-45.0, 45.1, 3.0))  # tried where it is unknown
+_RESAMPLES = 24
+
+
+class Viewpoint(NamedTuple):
+    """The estimated pose of a camera, and how sure it is."""
+
+    position: np.ndarray  # (3,) float64 [m] world frame
+    yaw: float  # [deg] counter-clockwise from world x, -180 to 180
+    pitch: float  # [deg] upwards
+    deviation: np.ndarray  # (5,) float64 standard deviations of x, y, z [m], yaw, pitch [deg]; 0 for a given pitch
+    touched: float  # share of the view's edges that points touch
+    hidden: float  # share of points that lie behind others, as seen from here
+
+
+class _Cloud(NamedTuple):
+    points: np.ndarray  # (N, 3) float64 [m] about the centre
+    spacing: np.ndarray  # (N,) [m] to the nearest other point
+
+
+class _Fit(NamedTuple):
+    score: float
+    touched: float
+    hidden: float
+    pose: np.ndarray  # (5,)
+
+
+def estimate(
+    points: np.ndarray,
+    horizontal_fov: float = 80.0,
+    vertical_fov: float = 55.0,
+    *,
+    pitch: float | None = 0.0,
+    seed: int = 0,
+) -> Viewpoint:
+    """The pose that a cloud was scanned from, from its points alone; the same whatever their order.
+
+    Args:
+        points: (N, 3) [m], world frame, of one scan by a camera without roll that saw something nearly everywhere
+            along the edges of its view. Voxel thinning does no harm; objects filtered out at the edges do.
+        horizontal_fov: of the camera [deg], between the outer edges of its image.
+        vertical_fov: [deg].
+        pitch: of the camera [deg] upwards; None to estimate it too, from -45 to 45 degrees.
+        seed: of the thinning and resampling.
+
+    Raises:
+        InputError: too few points, or not finite; no pose from which the cloud fills the view; many that fit alike;
+            one that is too unsure. One line that says by how much.
+        ValueError: wrong shape, or angles that no camera has.
+    """
+    points = np.asarray(points, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"points must be (N, 3), got {points.shape}")
+    if not (0.0 < horizontal_fov < 180.0 and 0.0 < vertical_fov < 180.0):
+        raise ValueError(f"fields of view must be between 0 and 180 degrees, got {horizontal_fov} and {vertical_fov}")
+    if pitch is not None and not -90.0 < pitch < 90.0:
+        raise ValueError(f"pitch must be between -90 and 90 degrees, got {pitch}")
+    if bad := int((~np.isfinite(points)).any(axis=1).sum()):
+        raise _unknown(f"{bad} of {len(points)} points have NaN or infinite coordinates")
+    if len(points) < LEAST_POINTS:
+        raise _unknown(f"expected at least {LEAST_POINTS} points, got {len(points)}")
+    centre = np.median(points, axis=0)
+    points = np.unique(points - centre, axis=0)  # copies have no spacing; sorted, the order no longer matters
+    half, rng = np.radians([horizontal_fov, vertical_fov]) / 2, np.random.default_rng(seed)
+    cloud, thin = _with_spacing(points), _with_spacing(_thinned(points, _THIN, rng))
+    pitches = _PITCHES if pitch is None else np.radians([pitch])
+    free = np.arange(5 if pitch is None else 4)
+    fits = _search(cloud, thin, half, pitches, free)
+    _check(fits, half)
+    best = fits[0]
+    deviation = _deviation(cloud, best.pose, half, free, rng)
+    _check_deviation(deviation)
+    yaw = float(np.degrees((best.pose[3] + np.pi) % (2 * np.pi) - np.pi))
+    position = best.pose[:3] + centre
+    return Viewpoint(position, yaw, float(np.degrees(best.pose[4])), deviation, best.touched, best.hidden)
+
+
+def _unknown(reason: str) -> InputError:
+    return InputError(f"the viewpoint cannot be estimated: {reason}; give it with --pose")
+
+
+def _thinned(points: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    return points if len(points) <= count else points[np.sort(rng.choice(len(points), count, replace=False))]
+
+
+def _with_spacing(points: np.ndarray) -> _Cloud:
+    return _Cloud(points, cKDTree(points).query(points, k=2)[0][:, 1])
+
+
+def _rotation(yaw: np.ndarray, pitch: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) sensor frame to world."""
+    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    rows = [[cy * cp, -sy, -cy * sp], [sy * cp, cy, -sy * sp], [sp, 0.0 * cy, cp]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _edge_normals(half: np.ndarray) -> np.ndarray:
+    """(4, 3) unit normals, inwards, of the left, right, upper and lower plane in the sensor frame."""
+    (sa, sb), (ca, cb) = np.sin(half), np.cos(half)
+    return np.array([[sa, -ca, 0.0], [sa, ca, 0.0], [sb, 0.0, -cb], [sb, 0.0, cb]])
+
+
+def _search(cloud: _Cloud, thin: _Cloud, half: np.ndarray, pitches: np.ndarray, free: np.ndarray) -> list[_Fit]:
+    """Different poses that fit at all, the best first."""
+    poses = _tight_poses(thin.points, half, pitches)
+    touched = [_touched(thin, pose, half, 2 * _REACH) for pose in poses]
+    order = np.argsort(touched, kind="stable")[::-1]
+    rough = [_refined(thin, pose, half, free, 3) for pose in _different(poses[order], 8)]
+    rough = _ranked([_fit(thin, thin, pose, half) for pose in rough])
+    return _ranked([_fit(cloud, thin, _refined(cloud, fit.pose, half, free, 8), half) for fit in rough[:3]])
+
+
+def _tight_poses(points: np.ndarray, half: np.ndarray, pitches: np.ndarray) -> np.ndarray:
+    """(K, 5) poses whose four planes all touch the points, from grids of yaw and pitch.
+
+    For any rotation, two planes touch left and right along one line of apexes, two above and below along another. They
+    meet where both are equally far behind the points: at the zeros of a function of yaw.
+    """
+    step = np.radians(1.0 if len(pitches) == 1 else 3.0)
+    yaw = np.arange(0.0, 2 * np.pi - step / 2, step)
+    few = points[:: -(-len(points) // 1500)].astype(np.float32)
+    stray = len(few) // 1000  # so many points may lie outside of a plane
+    poses = []
+    for pitch in pitches:
+        normals = (_rotation(yaw, pitch + 0.0 * yaw) @ _edge_normals(half).T).swapaxes(1, 2).reshape(-1, 3)
+        height = np.partition(normals.astype(np.float32) @ few.T, stray, axis=1)[:, stray].reshape(-1, 4)
+        behind = (height[:, ::2] + height[:, 1::2]) / (2 * np.sin(half))  # (Y, 2) by the sides, by above and below
+        gap = behind[:, 0] - behind[:, 1]
+        size, after = np.abs(gap), np.roll(gap, -1)
+        zero = gap * after <= 0.0
+        low = (size <= np.roll(size, 1)) & (size <= np.roll(size, -1))  # zeros that outermost points only just miss
+        for at in np.flatnonzero(zero | low):
+            share = gap[at] / (gap[at] - after[at]) if zero[at] and gap[at] != after[at] else 0.0
+            touch = (1 - share) * height[at] + share * height[(at + 1) % len(yaw)]
+            turn = yaw[at] + share * step
+            forward = min((touch[:2].sum(), touch[2:].sum()) / (2 * np.sin(half)))
+            aside = (touch[1] - touch[0], touch[3] - touch[2]) / (2 * np.cos(half))
+            poses.append([*(_rotation(turn, pitch) @ [forward, *aside]), turn, pitch])
+    return np.array(poses)
+
+
+def _different(poses: np.ndarray, count: int) -> list[np.ndarray]:
+    """The first `count` poses, without those that lie next to an earlier one."""
+    chosen: list[np.ndarray] = []
+    for pose in poses:
+        if len(chosen) == count:
+            break
+        if not any(_alike(pose, other) for other in chosen):
+            chosen.append(pose)
+    return chosen
+
+
+def _alike(pose: np.ndarray, other: np.ndarray) -> bool:
+    turn = np.abs((pose[3:] - other[3:] + np.pi) % (2 * np.pi) - np.pi).max()
+    return np.linalg.norm(pose[:3] - other[:3]) < 0.3 and turn < np.radians(3.0)
+
+
+def _ranked(fits: list[_Fit]) -> list[_Fit]:
+    fits = sorted(fits, key=lambda fit: -fit.score)
+    kept: list[_Fit] = []
+    for fit in fits:
+        if not any(_alike(fit.pose, other.pose) for other in kept):
+            kept.append(fit)
+    return kept
+
+
+def _fit(cloud: _Cloud, thin: _Cloud, pose: np.ndarray, half: np.ndarray) -> _Fit:
+    touched, (hidden, strays) = _touched(cloud, pose, half, _REACH), _misplaced(thin, pose, half)
+    return _Fit(touched - 2.0 * (hidden + strays), touched, hidden, pose)
+
+
+def _extremes(cloud: _Cloud, pose: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The outermost point of each stretch of each edge, but for strays: (M,) edge 0 to 3, (M,) index of the point."""
+    local = (cloud.points - pose[:3]) @ _rotation(*pose[3:])
+    side = local[:, 1:] / (np.maximum(local[:, :1], 1e-9) * np.tan(half))  # -1 to 1 in view
+    near = np.flatnonzero((np.abs(side).max(axis=1) > 0.5) & (np.abs(side).max(axis=1) < 1.0 + _SLACK))
+    side = side[near]
+    stretch = np.clip(((side + 1.0) / 2 * _BINS).astype(int), 0, _BINS - 1)
+    edges, indices = [], []
+    for edge, (axis, sign) in enumerate(((0, 1), (0, -1), (1, 1), (1, -1))):
+        outermost = np.full(_BINS, -1)
+        order = np.argsort(sign * side[:, axis], kind="stable")
+        outermost[stretch[order, 1 - axis]] = order  # the last one written stays
+        # An edge cannot be told by points of the other half of the view.
+        found = outermost[(outermost >= 0) & (sign * side[outermost, axis] > 0.5)]
+        edges.append(np.full(len(found), edge))
+        indices.append(near[found])
+    return np.concatenate(edges), np.concatenate(indices)
+
+
+def _residuals(cloud: _Cloud, pose: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the outermost points: edge (M,), distance inwards (M,) and its derivative (M, 5), both in spacings."""
+    edge, index = _extremes(cloud, pose, half)
+    rotation = _rotation(*pose[3:])
+    normal = (_edge_normals(half) @ rotation.T)[edge]
+    offset, spacing = cloud.points[index] - pose[:3], cloud.spacing[index]
+    turned = np.cross([0.0, 0.0, 1.0], normal), np.cross(-rotation[:, 1], normal)
+    turning = np.stack([np.sum(turn * offset, axis=1) for turn in turned], axis=1)
+    slope = np.column_stack([-normal, turning])
+    return edge, np.sum(normal * offset, axis=1) / spacing, slope / spacing[:, None]
+
+
+def _touched(cloud: _Cloud, pose: np.ndarray, half: np.ndarray, reach: float) -> float:
+    """Share of the edges that points touch: 1 for a point on the edge itself, falling to 0 at `reach` spacings."""
+    _, inside, _ = _residuals(cloud, pose, half)
+    return float(np.maximum(0.0, 1.0 - np.abs(inside) / reach).sum() / (4 * _BINS))
+
+
+def _misplaced(cloud: _Cloud, pose: np.ndarray, half: np.ndarray) -> tuple[float, float]:
+    """Shares of points that lie behind others, as no single scan can measure them, and of strays out of view."""
+    offset = cloud.points - pose[:3]
+    distance = np.maximum(np.linalg.norm(offset, axis=1), 1e-9)
+    toward = offset / distance[:, None]
+    angle, other = cKDTree(toward).query(toward, k=min(8, len(toward)))
+    # A point stands for a patch as wide as its spacing. The margin spares floors that are seen at a grazing angle.
+    covered = angle < 0.5 * cloud.spacing[other] / distance[other]
+    behind = distance[:, None] > 1.1 * distance[other] + 3.0 * cloud.spacing[other]
+    forward, *aside = (toward @ _rotation(*pose[3:])).T
+    out = (np.abs(aside) > (1.0 + _SLACK) * np.tan(half)[:, None] * forward).any(axis=0)
+    return float((covered & behind).any(axis=1).mean()), float(out.mean())
+
+
+def _refined(cloud: _Cloud, pose: np.ndarray, half: np.ndarray, free: np.ndarray, rounds: int) -> np.ndarray:
+    """The pose after some rounds of choosing the outermost points and laying the edges along them."""
+    for _ in range(rounds):
+        _, inside, slope = _residuals(cloud, pose, half)
+        if len(inside) <= len(free):
+            break
+        step = _step(inside, slope, free, np.ones(len(inside)))
+        pose = pose + step
+        if np.abs(step).max() < 1e-5:
+            break
+    return pose
+
+
+def _step(inside: np.ndarray, slope: np.ndarray, free: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(5,) change of pose that lays the edges along the outermost points, most of them inside: a linear programme.
+
+    Least sum of |distances|, those outwards counted _OUTSIDE times. A stretch of an edge without points costs no more
+    for lying far inside than the others can gain, so gaps do not move the edge.
+    """
+    count = len(inside)
+    equal = np.hstack([slope[:, free], -np.eye(count), np.eye(count)])
+    cost = np.concatenate([np.zeros(len(free)), weight, _OUTSIDE * weight])
+    limits = [(-limit, limit) for limit in np.array([0.5, 0.5, 0.5, 0.1, 0.1])[free]]
+    solved = linprog(cost, A_eq=equal, b_eq=-inside, bounds=limits + [(0.0, None)] * (2 * count), method="highs")
+    step = np.zeros(5)
+    if solved.x is not None:
+        step[free] = solved.x[: len(free)]
+    return step
+
+
+def _deviation(
+    cloud: _Cloud, pose: np.ndarray, half: np.ndarray, free: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """(5,) standard deviations [m, deg]: of the choice of edge points, and of how far inside the edges they lie."""
+    edge, inside, slope = _residuals(cloud, pose, half)
+    count = len(inside)
+    weights = rng.multinomial(count, np.full(count, 1.0 / count), size=_RESAMPLES)
+    steps = np.array([_step(inside, slope, free, weight) for weight in weights])
+    shifts = np.zeros((4, 5))
+    shifts[:, free] = (np.linalg.pinv(slope[:, free]) @ (_INSET * (edge[:, None] == np.arange(4)))).T
+    deviation = np.sqrt(steps.var(axis=0) + np.sum(shifts**2, axis=0))
+    return deviation * [1.0, 1.0, 1.0, np.degrees(1.0), np.degrees(1.0)]
+
+
+def _check(fits: list[_Fit], half: np.ndarray) -> None:
+    view = " x ".join(f"{np.degrees(2 * angle):.4g}" for angle in half)
+    best = fits[0]
+    if best.touched < LEAST_TOUCHED:
+        raise _unknown(
+            f"at best its points touch {best.touched:.0%} of the edges of a view of {view} degrees,"
+            f" expected {LEAST_TOUCHED:.0%}"
+        )
+    if best.hidden > MOST_HIDDEN:
+        raise _unknown(
+            f"from the best place {best.hidden:.0%} of the points lie hidden behind others,"
+            f" expected at most {MOST_HIDDEN:.0%}"
+        )
+    if len(fits) > 1 and best.score - fits[1].score < LEAST_LEAD:
+        apart = np.linalg.norm(best.pose[:3] - fits[1].pose[:3])
+        raise _unknown(
+            f"two places, {apart:.3g} m apart, fit alike with scores {best.score:.2f} and {fits[1].score:.2f}"
+        )
+
+
+def _check_deviation(deviation: np.ndarray) -> None:
+    metres, degrees = deviation[:3].max(), deviation[3:].max()
+    if metres > MOST_UNSURE[0] or degrees > MOST_UNSURE[1]:
+        raise _unknown(
+            f"it is known only within {metres:.2g} m and {degrees:.2g} degrees,"
+            f" expected {MOST_UNSURE[0]} m and {MOST_UNSURE[1]} degrees"
+        )
