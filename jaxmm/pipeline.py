@@ -41,8 +41,15 @@ def clouds(config: Config, source: CloudSource, index: np.ndarray) -> Iterator[t
 
 
 def pairs_of(config: Config, source: CloudSource, index: np.ndarray, threads: int | None = None) -> Pairs:
-    """Both scans of the given rooms, with the truth about every ray."""
-    return make_pairs(pair_config(config, source), index, threads)
+    """Both scans of the given rooms, with the truth about every ray.
+
+    Raises:
+        InputError: the settings leave no space for such a scene.
+    """
+    try:
+        return make_pairs(pair_config(config, source), index, threads)
+    except RuntimeError as error:
+        raise InputError(f"scan and room settings: {error}") from error
 
 
 def clouds_of(

@@ -43,7 +43,7 @@ def test_an_empty_file_gives_the_thesis_settings():
 def test_shipped_configs_are_valid_and_open_with_how_to_run_them(path):
     simulator.load_config(path)
     opening = path.read_text().partition("\n\n")[0]
-    assert opening.startswith("#") and re.search(rf"jaxmm (reproduce|generate) configs/{path.name}", opening)
+    assert opening.startswith("#") and re.search(rf"jaxmm (reproduce|generate|train) configs/{path.name}", opening)
 
 
 def test_a_file_changes_what_it_names_and_nothing_else():

@@ -10,7 +10,7 @@ from warp_scanner.imperfections import Imperfections
 from warp_scanner.pairs import PRESETS, PairConfig, make_pairs
 from warp_scanner.scan import cast_rays
 from warp_scanner.scenarios import make_scenes
-from warp_scanner.sense import rays_of
+from warp_scanner.sense import cast, rays_of
 from warp_scanner.sensors import OAK_D_PRO_SMALL, OUSTER_64, TLS, VELODYNE_16, Spinning, sensor_named
 
 SPINNING = {
@@ -43,26 +43,29 @@ def test_spinning_sensors_see_what_their_rays_meet(name, scenario):
         assert np.all((hits >= config.scene.least_rays) | (made.box.change[:, part] == 0))
 
 
-def test_out_of_reach_is_a_miss_and_tests_nothing():
-    config = PairConfig(seed=2, scenario="pillar_removed", condition="clean")
+@pytest.mark.parametrize("scenario", ["pillar_removed", "pillar_added"])
+def test_out_of_reach_is_a_miss_and_tests_nothing(scenario):
+    config = PairConfig(seed=2, scenario=scenario, sensor=short_of(5.0))
     index = np.arange(40)
-    whole = make_pairs(config, index)
-    short = make_pairs(
-        dataclasses.replace(config, sensor=dataclasses.replace(OAK_D_PRO_SMALL, range_limits=(0.2, 5.0))), index
-    )
-    for all_of, near in ((whole.dt, short.dt), (whole.robot, short.robot)):
-        reached = all_of.distance <= 5.0
-        np.testing.assert_array_equal(near.distance, np.where(reached, all_of.distance, np.inf))
-        np.testing.assert_array_equal(near.element, np.where(reached, all_of.element, -1))
-        np.testing.assert_array_equal(near.semantic, np.where(reached, all_of.semantic, 0))
-    expected = whole.testable_dt & (whole.robot.distance <= 5.0)
-    np.testing.assert_array_equal(short.testable_dt, expected)
-    assert np.any(expected) and np.any(whole.testable_dt & ~expected & (whole.dt.distance <= 5.0))
+    pairs, made = make_pairs(config, index), make_scenes(config.scene, config.seed, index)
+    dt, robot = (cast(made.primitives, here, config.sensor, made.pose) for here in (made.in_prior, made.in_real))
+    for found, endless in ((pairs.dt, dt), (pairs.robot, robot)):
+        reached = endless.distance <= 5.0
+        np.testing.assert_array_equal(found.distance, np.where(reached, endless.distance, np.inf))
+        np.testing.assert_array_equal(found.element, np.where(reached, endless.element, -1))
+        np.testing.assert_array_equal(found.semantic, np.where(reached, endless.semantic, 0))
+    near = (dt.distance <= 5.0) & (robot.distance <= 5.0)
+    np.testing.assert_array_equal(pairs.testable_dt, near & (dt.distance + np.float32(0.1) < robot.distance))
     # What is added within reach is told apart from a prior however far away.
-    added = dataclasses.replace(config, scenario="pillar_added")
-    whole = make_pairs(added, index)
-    short = make_pairs(dataclasses.replace(added, sensor=short_of(5.0)), index)
-    np.testing.assert_array_equal(short.testable_robot, whole.testable_robot & (whole.robot.distance <= 5.0))
+    before = robot.distance + np.float32(0.1) < dt.distance
+    np.testing.assert_array_equal(pairs.testable_robot, before & (robot.distance <= 5.0))
+    if scenario == "pillar_removed":
+        assert np.any(pairs.testable_dt) and np.any((dt.distance <= 5.0) & (robot.distance > 5.1))
+    else:
+        assert np.any(pairs.testable_robot & (dt.distance > 5.0))
+    # And every change is within reach of enough rays.
+    changed = pairs.changed_dt | pairs.changed_robot
+    assert np.all(changed.sum(axis=1) >= 50)
 
 
 def short_of(reach):

@@ -5,9 +5,11 @@ import pytest
 from scipy import stats
 
 from warp_scanner import draws
-from warp_scanner.poses import VARIED_STANDING, Standing, draw_poses, rotation_of
+from warp_scanner.poses import Standing, draw_poses, rotation_of
 from warp_scanner.rooms import RoomConfig, make_rooms
 from warp_scanner.scenes import BOX, CEILING, CYLINDER, FLOOR, GAP
+
+VARIED = Standing(height=(0.4, 2.2), pitch=(-15.0, 15.0))  # a small robot's mast to a hand held up
 
 
 @pytest.mark.parametrize(
@@ -67,7 +69,7 @@ def test_a_range_without_width_is_its_one_value_to_the_bit():
     """Heights and pitches are drawn apart from all else, so poses of settings without ranges are what they were."""
     plain, found = poses(Standing(height=1.2))
     ranged, _ = poses(Standing(height=(1.2, 1.2), pitch=(0.0, 0.0)))
-    varied, _ = poses(VARIED_STANDING)
+    varied, _ = poses(VARIED)
     for a, b in zip(plain, ranged, strict=True):
         np.testing.assert_array_equal(a, b)
     np.testing.assert_array_equal(plain.position[:, 2], np.full(400, np.float32(1.2 - 3.0 / 2)))
@@ -82,7 +84,7 @@ def test_a_range_without_width_is_its_one_value_to_the_bit():
 
 
 def test_varied_poses_fill_their_ranges_evenly():
-    drawn, _ = poses(VARIED_STANDING)
+    drawn, _ = poses(VARIED)
     height = drawn.position[:, 2].astype(float) + 1.5
     assert stats.kstest((height - 0.4) / 1.8, "uniform").pvalue > 1e-3
     assert stats.kstest((drawn.pitch + 15.0) / 30.0, "uniform").pvalue > 1e-3
@@ -93,7 +95,7 @@ def test_varied_poses_fill_their_ranges_evenly():
 def test_a_range_of_heights_gives_way_to_a_low_ceiling():
     size = np.tile([10.0, 10.0, 3.0], (400, 1))
     size[::2, 2] = 2.3
-    drawn, _ = poses(VARIED_STANDING, size=size)
+    drawn, _ = poses(VARIED, size=size)
     height = drawn.position[:, 2] + size[:, 2] / 2
     assert 1.95 < height[::2].max() <= 2.0 + 1e-6 < height[1::2].max()
     fixed, _ = poses(Standing(height=2.2), size=size)

@@ -51,7 +51,8 @@ class Ranges(NamedTuple):
     pillar_width: tuple[float, float]
     wall_length: tuple[float, float]
     wall_thickness: tuple[float, float]
-    rotation: tuple[float, float]  # to either side
+    pillar_rotation: tuple[float, float]  # to either side
+    wall_rotation: tuple[float, float]
     gap: float  # least gap to everything else
     sensor_gap: float
     azimuths: tuple[float, float]  # [deg] right and left edge of the view that the centre lies in
@@ -119,17 +120,19 @@ def _shapes(part: Part, ranges: Ranges, room: Room, suffix: str) -> tuple[Footpr
     # The root makes every square metre within sight as likely as any other in its direction.
     reach = sight * np.sqrt(draws.uniform(key, f"change distance{suffix}", tries))
     place = room.pose.position[:, None, :2] + reach[..., None] * heading[..., :2]
+    # One size for all places that are tried: were each to have its own, small ones would be found room for more often.
     if part.semantic == WALL:
-        along = draws.between(key, f"change length{suffix}", ranges.wall_length, tries)
-        across = draws.between(key, f"change thickness{suffix}", ranges.wall_thickness, tries)
+        along = draws.between(key, f"change length{suffix}", ranges.wall_length, 1)
+        across = draws.between(key, f"change thickness{suffix}", ranges.wall_thickness, 1)
         turned = draws.uniform(key, f"change turned{suffix}", tries) < 0.5
         half = np.stack([np.where(turned, across, along), np.where(turned, along, across)], axis=-1) / 2
         kind = np.full(turned.shape, BOX)
     else:
-        width = draws.between(key, f"change width{suffix}", ranges.pillar_width, tries)
+        width = np.repeat(draws.between(key, f"change width{suffix}", ranges.pillar_width, 1), tries, axis=1)
         half = np.stack([width, width], axis=-1) / 2
-        kind = np.where(draws.uniform(key, f"change round{suffix}", tries) < 0.5, CYLINDER, BOX)
-    yaw = draws.between(key, f"change rotation{suffix}", ranges.rotation, tries)
+        kind = np.repeat(np.where(draws.uniform(key, f"change round{suffix}", 1) < 0.5, CYLINDER, BOX), tries, axis=1)
+    rotation = ranges.wall_rotation if part.semantic == WALL else ranges.pillar_rotation
+    yaw = draws.between(key, f"change rotation{suffix}", rotation, tries)
     yaw = np.where(draws.uniform(key, f"change side{suffix}", tries) < 0.5, 0.0 - yaw, yaw)
     return Footprints(place, half, np.where(kind == BOX, yaw, 0.0), np.ones(kind.shape, bool)), kind
 

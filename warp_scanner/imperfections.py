@@ -52,6 +52,8 @@ class Imperfections:
             # Written so that NaN fails too.
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"imperfections.{name} must be at least 0 and finite, got {getattr(self, name)}")
+        if self.quantum != 0.0 and not 1e-6 <= self.quantum <= 10.0:
+            raise ValueError(f"imperfections.quantum must be 0 or within 1e-6 and 10 m, got {self.quantum}")
         if not 0.0 <= self.grazing_start < 90.0:
             raise ValueError(f"imperfections.grazing_start must be in [0, 90) degrees, got {self.grazing_start}")
         classes = [kind for kind, _ in self.class_dropout]

@@ -19,6 +19,7 @@ from warp_scanner.sense import cast, cast_which, measured, rays_of, with_noise, 
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing
 
 _SCENES_AT_ONCE = 64  # scenes are drawn together, so that few of them wait for the last
+_MOST = {"sensor_pitch_spread": 60.0, "angle_error": 45.0}  # [deg]; of lengths 10 m
 _RAYS_AT_ONCE = 2**20  # bounds the memory of what is only needed on the way
 
 
@@ -40,7 +41,9 @@ class PairConfig:
     furniture_share: float = 0.05  # least share of rays that hit furniture in the occluded scene
     sensor_height_spread: float = 0.0  # the height is drawn up to this above or below
     sensor_pitch_spread: float = 0.0  # [deg] the pitch is drawn up to this above or below level
-    mismatch_rotation: tuple[float, float] = (0.0, 0.0)  # [rad] turn of changed objects, to either side
+    wall_length: tuple[float, float] = (1.5, 4.5)  # of changed walls; see SceneConfig
+    mismatch_gap: float = 0.3  # least gap between a changed object and everything else
+    minimum_rays: int = 60  # of 320 x 200 that hit each changed object in the clean scene, from the assumed pose
     touching: str = "never"  # see SceneConfig
     prior_furniture: str = "none"  # see SceneConfig
     position_error: float = 0.0  # standard deviation of each coordinate of the robot's true place about the assumed one
@@ -53,17 +56,19 @@ class PairConfig:
             "sensor_height_spread", "sensor_pitch_spread", "position_error", "angle_error", "range_noise_spread",
         )  # fmt: skip
         for name in ("sensor_gap", "range_noise", "testable_margin", *spreads):
-            if not 0.0 <= getattr(self, name) < np.inf:
-                raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
+            if not 0.0 <= getattr(self, name) <= _MOST.get(name, 10.0):
+                raise ValueError(f"{name} must lie within 0 and {_MOST.get(name, 10.0):g}, got {getattr(self, name)}")
         if not hasattr(self.sensor, "directions"):
             raise ValueError(f"sensor must be one as sensors.sensor_named gives, got {self.sensor!r}")
         if not 0.0 <= self.erring_share <= 1.0:
             raise ValueError(f"erring_share must be between 0 and 1, got {self.erring_share}")
+        if self.position_error > 0.0 and self.sensor_gap == 0.0:
+            raise ValueError("position_error needs a sensor_gap: it puts the robot anywhere within that")
         lowest, highest = self.sensor_height - self.sensor_height_spread, self.sensor_height + self.sensor_height_spread
         if not 0.0 < lowest <= highest < self.room.size[2] - self.room.size_spread[2]:
             raise ValueError(f"sensor_height must lie inside the room, got {lowest} to {highest}")
-        if self.sensor_pitch_spread > 60.0:
-            raise ValueError(f"sensor_pitch_spread must be at most 60 degrees, got {self.sensor_pitch_spread}")
+        if lowest < self.sensor_gap:
+            raise ValueError(f"sensor_height must leave sensor_gap to the floor, got {lowest} and {self.sensor_gap}")
         _ = self.scene  # checks scenario and condition
 
     @property
@@ -80,7 +85,9 @@ class PairConfig:
             ),
             sensor=self.sensor,
             furniture_share=self.furniture_share,
-            mismatch_rotation=self.mismatch_rotation,
+            wall_length=self.wall_length,
+            mismatch_gap=self.mismatch_gap,
+            minimum_rays=self.minimum_rays,
             touching=self.touching,
             prior_furniture=self.prior_furniture,
         )
@@ -93,7 +100,6 @@ PRESETS = {
         sensor_height=1.3,  # 0.4 to 2.2 m
         sensor_height_spread=0.9,
         sensor_pitch_spread=15.0,
-        mismatch_rotation=(0.0, 0.26),
     ),
 }
 

@@ -53,9 +53,6 @@ class Standing:
         return self.height if isinstance(self.height, tuple) else (self.height, self.height)
 
 
-VARIED_STANDING = Standing(height=(0.4, 2.2), pitch=(-15.0, 15.0))  # a small robot's mast to a hand held up
-
-
 def draw_poses(
     primitives: Primitives, size: tuple[float, float, float] | np.ndarray, standing: Standing, key: np.ndarray
 ) -> tuple[Pose, np.ndarray]:

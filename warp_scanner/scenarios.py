@@ -35,11 +35,10 @@ class SceneConfig:
     room: RoomConfig = RoomConfig()
     standing: Standing = Standing()
     sensor: Sensor = OAK_D_PRO_SMALL  # its view, not its rays, has to hold the changed object
-    pillar_width: tuple[float, float] = (0.3, 1.3)  # of the changed object
+    # Of changed walls; all else is drawn from the ranges of the room's own walls and pillars, so that nothing tells
+    # what changed by its size or its turn.
     wall_length: tuple[float, float] = (1.5, 4.5)
-    wall_thickness: tuple[float, float] = (0.1, 0.3)
     mismatch_gap: float = 0.3  # least gap between the changed object and everything else
-    mismatch_rotation: tuple[float, float] = (0.0, 0.0)  # [rad] turn of the changed object, to either side
     touching: str = "never"  # changed walls end at existing "structure", or "walls": further ones at the first of them
     prior_furniture: str = "none"  # or "moved": the occluded prior holds reality's furniture at other places
     minimum_rays: int = 60  # of a 320 x 200 grid that hit the changed object when there is no furniture
@@ -57,6 +56,11 @@ class SceneConfig:
         for name, allowed in words:
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} must be one of {allowed}, got {getattr(self, name)!r}")
+        if not 0.0 < self.wall_length[0] <= self.wall_length[1] <= 100.0:
+            raise ValueError(f"wall_length must be (low, high) within 0 and 100 m, got {self.wall_length}")
+        if not 0.0 <= self.mismatch_gap <= 10.0 or not 0 <= self.minimum_rays <= 64_000:
+            got = f"{self.mismatch_gap} and {self.minimum_rays}"
+            raise ValueError(f"mismatch_gap must lie within 0 and 10 m, minimum_rays within 0 and 64000, got {got}")
         if not 0.0 <= self.furniture_share <= 0.5:
             raise ValueError(f"furniture_share must be between 0 and 0.5, got {self.furniture_share}")
 
@@ -73,8 +77,11 @@ class SceneConfig:
     @property
     def ranges(self) -> Ranges:
         """What the changed objects are drawn from."""
-        sizes = (self.pillar_width, self.wall_length, self.wall_thickness, self.mismatch_rotation)
-        return Ranges(*sizes, self.mismatch_gap, self.standing.gap, self.sensor.azimuths, self.touching, self.places)
+        room = self.room
+        sizes = (room.pillar_width, self.wall_length, room.wall_thickness)
+        turns = (room.pillar_rotation, room.wall_rotation)
+        gaps = (self.mismatch_gap, self.standing.gap)
+        return Ranges(*sizes, *turns, *gaps, self.sensor.azimuths, self.touching, self.places)
 
     @property
     def grid(self) -> Sensor:
@@ -216,12 +223,12 @@ def _has_furniture_in_view(config: SceneConfig, primitives: Primitives, pose: Po
     preview = config.sensor.resampled(*(count // _COARSE for count in _GRID))
     structure = scenes.is_structure(primitives)
     furniture = ~structure & _columns(config, primitives)
-    _, slot = cast_which(primitives, structure | furniture, preview, pose, threads)
+    slot = _reached(primitives, structure | furniture, (preview, pose), threads)
     hit = (slot >= 0) & np.take_along_axis(furniture, np.maximum(slot, 0), 1)
     enough = hit.mean(axis=1) >= config.furniture_share
     if not config.parts:
         return enough
-    _, slot = cast_which(primitives, structure, preview, pose, threads)
+    slot = _reached(primitives, structure, (preview, pose), threads)
     return enough & _all_seen(config, primitives, slot, 1)
 
 
@@ -245,5 +252,12 @@ def _shows_the_change(config: SceneConfig, primitives: Primitives, pose: Pose, t
     """(R,) bool: enough rays hit each changed object in the clean scene that contains them all."""
     if not config.parts or len(primitives.kind) == 0:
         return np.ones(len(primitives.kind), bool)
-    _, slot = cast_which(primitives, scenes.is_structure(primitives), config.grid, pose, threads)
+    slot = _reached(primitives, scenes.is_structure(primitives), (config.grid, pose), threads)
     return _all_seen(config, primitives, slot, config.least_rays)
+
+
+def _reached(primitives: Primitives, present: np.ndarray, seen: tuple[Sensor, Pose], threads: int | None) -> np.ndarray:
+    """(R, P) slot that each ray meets within the sensor's reach, -1 for none."""
+    (sensor, pose), (low, high) = seen, np.float32(seen[0].range_limits)
+    distance, slot = cast_which(primitives, present, sensor, pose, threads)
+    return np.where((distance >= low) & (distance <= high), slot, -1)

@@ -4,6 +4,8 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
+LIMIT = wp.constant(5.0)  # [m] residuals are cut to this on either side before their mean is taken
+
 
 @wp.struct
 class Rays:
@@ -108,7 +110,7 @@ def look(first: int, rays: Rays, points: Points, count: wp.array2d[wp.int32], re
                             expected = points.distance[point]
                             if rays.expected.shape[1] > 0:
                                 expected = rays.expected[scan, ray]
-                            total += wp.clamp(rays.distance[scan, ray] - expected, -5.0, 5.0)
+                            total += wp.clamp(rays.distance[scan, ray] - expected, -LIMIT, LIMIT)
                             returns += 1
     if returns > 0:
         residual[point] = total / float(returns)

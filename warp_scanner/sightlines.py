@@ -15,7 +15,6 @@ from warp_scanner import sightline_kernels as kernels
 from warp_scanner.launches import load, share, share_out, starts_of, thread_count
 
 THROUGH, SUPPORT, BLOCKED, UNSEEN = range(4)  # columns of Looks.count
-LIMIT = 5.0  # [m] residuals are cut to this on either side before their mean is taken
 
 
 class Grid(NamedTuple):
