@@ -8,6 +8,7 @@ share is written in two ways here: `mean - x` and `x + -mean`, `sign(y)` and `si
 tests/test_fused.py compares with the plain formulation.
 """
 
+import math
 from functools import partial
 from typing import NamedTuple
 
@@ -102,20 +103,27 @@ activate.defvjp(_activate_forward, _activate_backward)
 
 @jax.custom_vjp
 def summarise(y: jax.Array) -> jax.Array:
-    """Maximum (C,) over the points of y (N, C) >= 0; points that share it share its gradient."""
-    return jnp.max(y, axis=0)
+    """Maximum (C,) over the points of y (N, C); its gradient goes to one point, the first of the largest, as in torch.
+
+    Not to all that equal the maximum: XLA may compute y anew where it is compared, and rounds it differently there.
+    """
+    return _summarise_forward(y)[0]
 
 
 def _summarise_forward(y):
-    summary = jnp.max(y, axis=0)
-    return summary, (y, summary)
+    # Maxima of blocks first, for XLA is quick at maxima and slow at their places.
+    count, channels = y.shape
+    size = max(divisor for divisor in range(1, math.isqrt(count) + 1) if count % divisor == 0)
+    blocks = y.reshape(-1, size, channels)
+    block = jnp.argmax(jnp.max(blocks, axis=1), axis=0)
+    inside = jnp.take_along_axis(blocks, block[None, None], axis=0)[0]
+    index = block * size + jnp.argmax(inside, axis=0)
+    return jnp.max(inside, axis=0), (index, jnp.arange(count))
 
 
 def _summarise_backward(saved, slope):
-    y, summary = saved
-    # 1 below the maximum, 0 at it: fast sums do not take in comparisons. Nor a quotient, which XLA rounds twice.
-    below = jnp.sum(jnp.ceil(jnp.minimum(summary - y, 1)), axis=0)
-    return (jnp.where(y == summary, slope / (len(y) - below), 0),)
+    index, places = saved
+    return (jnp.where(places[:, None] == index, slope, 0),)
 
 
 summarise.defvjp(_summarise_forward, _summarise_backward)
