@@ -107,11 +107,11 @@ def summarise(y: jax.Array) -> jax.Array:
 
     Not to all that equal the maximum: XLA may compute y anew where it is compared, and rounds it differently there.
     """
-    return _summarise_forward(y)[0]
+    return jnp.max(y, axis=0)
 
 
 def _summarise_forward(y):
-    # Maxima of blocks first, for XLA is quick at maxima and slow at their places.
+    # Maxima of blocks first, for XLA is quick at maxima and slow at their places. A prime count makes it the slow way.
     count, channels = y.shape
     size = max(divisor for divisor in range(1, math.isqrt(count) + 1) if count % divisor == 0)
     blocks = y.reshape(-1, size, channels)
