@@ -39,6 +39,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.rooms
 	$(BIN)/python -m benchmarks.pairs
 	$(BIN)/python -m benchmarks.train
+	$(BIN)/python -m benchmarks.detect
 
 clean:
 	rm -rf .venv .cache runs *.egg-info

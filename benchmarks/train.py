@@ -1,16 +1,19 @@
-"""One training step of all four thesis networks, beside PyTorch eager, and beside the same step one model at a time.
+"""One training step of all four thesis networks, beside PyTorch, and beside the same step one model at a time.
 
-    python -m benchmarks.train [--json FILE] [--points N]        two to three minutes; needs the `peers` extra
+    python -m benchmarks.train [--json FILE] [--points N]        five minutes; needs the `peers` extra
 
 A step is forward, focal loss, backward and Adam for 4 models x 8 clouds x N points with one feature. Every point is
-real, so that ours gains nothing from padding. PyTorch runs on the same two threads, in its own layout for convolutions,
-one model after the other.
+real, so that ours gains nothing from padding. PyTorch runs on as many threads, in its own layout for convolutions, one
+model after the other, eager and through torch.compile. Memory is the most that a fresh process of each held at once,
+less what it held before its models and batch were made (on Linux only).
 """
 
 import argparse
-import os
+import dataclasses
+import multiprocessing
+import re
 import sys
-from itertools import pairwise
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -19,10 +22,11 @@ import numpy as np
 from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.batches import Batch
 from jaxmm.config import Config
-from jaxmm.train import init_all, train_step, train_step_all
+from jaxmm.train import COMPILER_OPTIONS, init_all, train_step, train_step_all
 
 MODELS, CLOUDS = 4, 8
 CONFIG = Config()
+OURS = "jaxmm"
 
 
 def random_batch(points: int) -> Batch:
@@ -35,13 +39,14 @@ def random_batch(points: int) -> Batch:
     return Batch(distance[..., None].astype(np.float32), labels, mask, mask, seeds)
 
 
-def joint_step(batch: Batch):
-    """A function that takes one joint step and returns the losses."""
-    states = init_all(jax.random.key(0), 1, CONFIG)
+def joint_step(batch: Batch, mode: str):
+    """A function that takes one joint step, models mapped by `mode`, and returns the losses."""
+    config = dataclasses.replace(CONFIG, train=dataclasses.replace(CONFIG.train, map_models=mode))
+    states = init_all(jax.random.key(0), 1, config)
 
     def step():
         nonlocal states
-        states, losses = train_step_all(states, batch, CONFIG)
+        states, losses = train_step_all(states, batch, config)
         return losses
 
     return step
@@ -52,7 +57,7 @@ def separate_steps(batch: Batch):
     stacked = init_all(jax.random.key(0), 1, CONFIG)
     states = [jax.tree.map(lambda leaf, i=i: leaf[i], stacked) for i in range(MODELS)]
     batches = [jax.tree.map(lambda leaf, i=i: leaf[i], batch) for i in range(MODELS)]
-    one = jax.jit(train_step, static_argnames="config", donate_argnames="state")
+    one = jax.jit(train_step, static_argnames="config", donate_argnames="state", compiler_options=COMPILER_OPTIONS)
 
     def step():
         losses = []
@@ -64,57 +69,72 @@ def separate_steps(batch: Batch):
     return step
 
 
-def torch_step(batch: Batch):
-    """The same four updates in PyTorch, eager."""
-    import torch
+def peer_step(batch: Batch, compiled: bool):
+    """The same four updates in PyTorch."""
+    from benchmarks.torch_networks import torch_step
 
-    torch.set_num_threads(os.cpu_count() or 1)
-    models = [torch_network(torch) for _ in range(MODELS)]
-    settings = CONFIG.train
-    adams = [
-        torch.optim.Adam(model.parameters(), settings.learning_rate, weight_decay=settings.weight_decay)
-        for model in models
-    ]
-    features = [torch.from_numpy(np.ascontiguousarray(clouds.transpose(0, 2, 1))) for clouds in batch.features]
-    labels = [torch.from_numpy(clouds.astype(np.float32)) for clouds in batch.labels]
-
-    def step():
-        for model, adam, x, y in zip(models, adams, features, labels, strict=True):
-            adam.zero_grad()
-            entropy = torch.nn.functional.binary_cross_entropy_with_logits(model(x), y, reduction="none")
-            (CONFIG.loss.alpha * (1 - torch.exp(-entropy)) ** CONFIG.loss.gamma * entropy).mean().backward()
-            adam.step()
-
-    return step
+    return torch_step(batch, CONFIG, compiled)
 
 
-def torch_network(torch):
-    """The thesis network as PyTorch users write it: convolutions of kernel 1, the summary repeated and concatenated."""
-    nn, network = torch.nn, CONFIG.network
+CONTESTANTS: dict[str, Callable[[Batch], Callable]] = {
+    OURS: lambda batch: joint_step(batch, "map"),
+    "jaxmm, models side by side": lambda batch: joint_step(batch, "vmap"),
+    "jaxmm, one model at a time": separate_steps,
+    "PyTorch eager": lambda batch: peer_step(batch, compiled=False),
+    "torch.compile": lambda batch: peer_step(batch, compiled=True),
+}
 
-    def block(inputs: int, outputs: int, drop: bool):
-        layers = [nn.Conv1d(inputs, outputs, 1), nn.BatchNorm1d(outputs), nn.ReLU()]
-        return layers + [nn.Dropout(network.dropout)] * drop
 
-    widths = [1, *network.encoder]
-    last = len(widths) - 2
-    pairs = list(pairwise(widths))
-    encoder = [layer for i, (a, b) in enumerate(pairs) for layer in block(a, b, i == last)]
-    widths = [2 * network.encoder[-1], *network.head]
-    head = [layer for a, b in pairwise(widths) for layer in block(a, b, True)]
+def contestants(batch: Batch) -> dict[str, Callable]:
+    """Steps by name, without those that this machine cannot run; says why not."""
+    steps = {name: make(batch) for name, make in CONTESTANTS.items()}
+    try:
+        steps["torch.compile"]()
+    except Exception as error:  # whatever a missing or unfit C++ compiler raises, wrapped in torch's own errors
+        print(f"torch.compile left out: {str(error).strip().splitlines()[0]}", file=sys.stderr)
+        del steps["torch.compile"]
+    return steps
 
-    class PointNetwork(nn.Module):
-        def __init__(self):
-            super().__init__()
-            self.encoder = nn.Sequential(*encoder)
-            self.head = nn.Sequential(*head, nn.Conv1d(network.head[-1], 1, 1))
 
-        def forward(self, x):
-            x = self.encoder(x)
-            summary = x.max(2, keepdim=True)[0].expand(-1, -1, x.shape[2])
-            return self.head(torch.cat([x, summary], 1))[:, 0]
+def peak_memory(name: str, points: int) -> float:
+    """Most memory [GB] that two steps added to a fresh process."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(_added_memory, (name, points))
 
-    return PointNetwork()
+
+def _added_memory(name: str, points: int) -> float:
+    import torch  # noqa: F401    whose libraries should count for nobody
+
+    jax.block_until_ready(jax.numpy.zeros(1))
+    before = _most_held()
+    step = CONTESTANTS[name](random_batch(points))
+    for _ in range(2):
+        jax.block_until_ready(step())
+    return (_most_held() - before) / 2**20
+
+
+def _most_held() -> int:
+    """The most memory [kB] this process ever held, from Linux; getrusage would begin with what its parent held."""
+    status = Path("/proc/self/status").read_text()
+    return int(re.search(r"VmHWM:\s*(\d+) kB", status)[1])
+
+
+def rows_of(ours: float, peers: dict[str, float], case: str, unit: str) -> list[dict]:
+    """Rows of the report, each also printed; a ratio above 1 means that ours needs less."""
+    rows = []
+    for name, peer in peers.items():
+        rows.append(
+            {
+                "case": case,
+                "ours": round(ours, 3),
+                "peer": round(peer, 3),
+                "peer_name": name,
+                "unit": unit,
+                "ratio": round(peer / ours, 2),
+            }
+        )
+        print(f"{case}: ours {ours:.2f} {unit}, {name} {peer:.2f} {unit}, ratio {peer / ours:.2f}")
+    return rows
 
 
 def main() -> int:
@@ -128,27 +148,16 @@ def main() -> int:
     except ImportError:
         print("benchmarks.train needs torch to compare with: run `make setup-peers`", file=sys.stderr)
         return 2
-    batch = random_batch(options.points)
-    ours, separate, theirs = measure_in_turns(
-        [joint_step(batch), separate_steps(batch), torch_step(batch)], options.repeat
-    )
-    rows = []
-    for name, peer in (("PyTorch eager", theirs), ("jaxmm, one model at a time", separate)):
-        row = {
-            "case": f"step of {MODELS} models x {CLOUDS} clouds x {options.points} points",
-            "ours": round(ours.median, 3),
-            "peer": round(peer.median, 3),
-            "peer_name": name,
-            "unit": "s",
-            "ratio": round(peer.median / ours.median, 2),
-            "ours_first_call_s": round(ours.first, 2),
-            "peer_first_call_s": round(peer.first, 2),
-        }
-        rows.append(row)
-        print(
-            f"{row['case']}: ours {row['ours']:.3f} s, {name} {row['peer']:.3f} s, ratio {row['ratio']:.2f};"
-            f" first call {row['ours_first_call_s']:.2f} s / {row['peer_first_call_s']:.2f} s"
-        )
+    steps = contestants(random_batch(options.points))
+    timings = dict(zip(steps, measure_in_turns(list(steps.values()), options.repeat), strict=True))
+    ours, case = timings.pop(OURS), f"step of {MODELS} models x {CLOUDS} clouds x {options.points} points"
+    print(f"first call: ours {ours.first:.1f} s, {', '.join(f'{n} {t.first:.1f} s' for n, t in timings.items())}")
+    rows = rows_of(ours.median, {name: timing.median for name, timing in timings.items()}, case, "s")
+    for row, timing in zip(rows, timings.values(), strict=True):
+        row |= {"ours_first_call_s": round(ours.first, 2), "peer_first_call_s": round(timing.first, 2)}
+    if sys.platform == "linux":
+        memory = {name: peak_memory(name, options.points) for name in steps if name != "torch.compile"}
+        rows += rows_of(memory.pop(OURS), memory, f"memory of a {case}", "GB")
     if options.json:
         write_report(options.json, rows, "jax", "flax", "optax", "torch", "numpy")
     return 0

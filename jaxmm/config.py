@@ -116,6 +116,11 @@ class NetworkConfig:
             raise ConfigError("encoder and head must have at least one layer each")
 
 
+# Networks of one shape and different width; a config says `encoder` and `head` itself.
+THESIS = NetworkConfig()
+COMPACT = NetworkConfig(encoder=(32, 64, 64, 128), head=(64, 32))
+
+
 @dataclasses.dataclass(frozen=True)
 class LossConfig:
     """Focal loss; see losses.focal_loss for the two forms."""

@@ -14,11 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmm.config import NetworkConfig
+from jaxmm.fused import EPSILON, activate, dense, summarise
 from jaxmm.inputs import InputError
 
-CLOUDS = "clouds"  # the name that the batch axis must carry under vmap while training
 MOMENTUM = 0.9  # share of the old running statistics that is kept; torch calls the rest its momentum of 0.1
-EPSILON = 1e-5
 
 
 class PointNetwork(nn.Module):
@@ -41,56 +40,58 @@ class PointNetwork(nn.Module):
             seed: () uint32, needed while training: another seed, another dropout mask.
         """
         config = self.config
-        x = features
+        x = jnp.where(mask[:, None], features, 0)
+        depth = len(config.encoder)
         for index, width in enumerate(config.encoder, start=1):
-            x = Dense(width, name=f"conv{index}")(x)
-            x = nn.relu(MaskedBatchNorm(name=f"bn{index}")(x, mask, train=train))
-        if train:
-            x = drop(x, config.dropout, seed, layer=0)
-        # After relu zero is the neutral element of the maximum, so padding cannot reach the summary.
-        summary = jnp.max(jnp.where(mask[:, None], x, 0), axis=0)
+            x, bias = Dense(width, name=f"conv{index}")(x)
+            rate = config.dropout if index == depth else 0.0
+            x = Activation(rate, layer=index, name=f"bn{index}")(x, bias, mask, seed, train=train)
+        # Activations are never negative, and zero at padding, which so cannot reach the maximum.
+        summary = summarise(x)
         for index, width in enumerate(config.head, start=1):
-            name = f"seg_conv{index}"
-            x = Dense(width, name=name)(x, summary if index == 1 else None)
-            x = nn.relu(MaskedBatchNorm(name=f"seg_bn{index}")(x, mask, train=train))
-            if train:
-                x = drop(x, config.dropout, seed, layer=index)
-        return Dense(1, learn_bias=True, name=f"seg_conv{len(config.head) + 1}")(x)[:, 0]
+            x, bias = Dense(width, name=f"seg_conv{index}")(x, *((summary, mask) if index == 1 else ()))
+            x = Activation(config.dropout, depth + index, name=f"seg_bn{index}")(x, bias, mask, seed, train=train)
+        x, bias = Dense(1, learn_bias=True, name=f"seg_conv{len(config.head) + 1}")(x)
+        return x[:, 0] + bias
 
 
-class MaskedBatchNorm(nn.Module):
-    """Batch normalisation over the real points of all clouds of the vmapped axis CLOUDS (Ioffe and Szegedy, 2015).
+class Activation(nn.Module):
+    """Batch normalisation over the real points of all clouds of the vmapped axis CLOUDS, relu, and dropout.
 
     As in torch, the batch is normalised by its biased variance while the running variance is the unbiased one.
     """
 
+    rate: float  # of dropout
+    layer: int  # whose mask dropout draws
+
     @nn.compact
-    def __call__(self, x: jax.Array, mask: jax.Array, *, train: bool) -> jax.Array:
+    def __call__(self, x: jax.Array, offset: jax.Array, mask: jax.Array, seed: jax.Array | None, *, train: bool):
+        """Activations (N, C) of x + offset; zero where mask (N,) is False, as x (N, C) has to be.
+
+        The offset (C,) is the same for all points of all clouds, so the batch's statistics cancel it.
+        """
         channels = x.shape[-1]
         scale = self.param("scale", nn.initializers.ones, (channels,))
         bias = self.param("bias", nn.initializers.zeros, (channels,))
         running_mean = self.variable("batch_stats", "mean", jnp.zeros, (channels,), x.dtype)
         running_var = self.variable("batch_stats", "var", jnp.ones, (channels,), x.dtype)
         if not train:
-            return (x - running_mean.value) * (scale * jax.lax.rsqrt(running_var.value + EPSILON)) + bias
-
-        weight = mask[:, None].astype(x.dtype)
-        count = jnp.maximum(jax.lax.psum(jnp.sum(weight), CLOUDS), 1)
-        mean = jax.lax.psum(jnp.sum(x * weight, axis=0), CLOUDS) / count
-        # The mean is taken off first: E[x^2] - E[x]^2 loses half the digits of float32 where the mean is large.
-        var = jax.lax.psum(jnp.sum(weight * jnp.square(x - mean), axis=0), CLOUDS) / count
+            factor = scale * jax.lax.rsqrt(running_var.value + EPSILON)
+            y = nn.relu((x - (running_mean.value - offset)) * factor + bias)
+            return jnp.where(mask[:, None], y, 0)
+        y, (mean, var, count) = activate(self.rate, self.layer, x, mask, scale, bias, seed)
         if not self.is_initializing():
-            running_mean.value = MOMENTUM * running_mean.value + (1 - MOMENTUM) * mean
+            running_mean.value = MOMENTUM * running_mean.value + (1 - MOMENTUM) * (mean + offset)
             unbiased = var * count / jnp.maximum(count - 1, 1)
             running_var.value = MOMENTUM * running_var.value + (1 - MOMENTUM) * unbiased
-        # Not x * factor + (bias - mean * factor): where the mean is large those two terms cancel, digits and all.
-        return (x - mean) * (scale * jax.lax.rsqrt(var + EPSILON)) + bias
+        return y
 
 
 class Dense(nn.Module):
     """A dense layer (a convolution of kernel 1) on points (N, C), and on a summary (D,) of their cloud if there is one.
 
-    [points, summary] is never built: the summary's share of the product is one row for the whole cloud.
+    Returns the product (N, W) and, not yet added to it, the bias (W,): a pass over memory that a normalisation spares.
+    [points, summary] is never built either: the summary's share of the product is one row for the whole cloud.
     """
 
     width: int
@@ -99,7 +100,10 @@ class Dense(nn.Module):
     learn_bias: bool = False
 
     @nn.compact
-    def __call__(self, points: jax.Array, summary: jax.Array | None = None) -> jax.Array:
+    def __call__(
+        self, points: jax.Array, summary: jax.Array | None = None, mask: jax.Array | None = None
+    ) -> tuple[jax.Array, jax.Array]:
+        """A summary comes with the mask (N,) of its cloud, for rows of padding stay zero."""
         channels = points.shape[-1]
         fan_in = channels + (0 if summary is None else summary.shape[-1])
         # torch's default for a convolution: uniform within 1 / sqrt(fan_in), kernel and bias alike.
@@ -107,31 +111,10 @@ class Dense(nn.Module):
         kernel = self.param("kernel", draw, (fan_in, self.width))
         bias = self.param("bias", draw, (self.width,))
         bias = bias if self.learn_bias else jax.lax.stop_gradient(bias)
+        product = dense(points, kernel[:channels])
         if summary is not None:
-            bias = summary @ kernel[channels:] + bias
-        return points @ kernel[:channels] + bias
-
-
-def drop(x: jax.Array, rate: float, seed: jax.Array, layer: int) -> jax.Array:
-    """Dropout (Srivastava et al., 2014) whose mask is a hash of (seed, layer, position): nothing to store or split.
-
-    The seed is scrambled before it meets the position. Added to it, two seeds would give shifted copies of one mask.
-    """
-    if rate == 0.0:
-        return x
-    position = jax.lax.broadcasted_iota(jnp.uint32, x.shape, 0) * jnp.uint32(x.shape[1])
-    position = position + jax.lax.broadcasted_iota(jnp.uint32, x.shape, 1)
-    stream = scramble(seed.astype(jnp.uint32) ^ scramble(jnp.uint32(layer + 1)))
-    bits = scramble(position * jnp.uint32(0x9E3779B1) ^ stream)
-    keep = (bits >> 8) >= jnp.uint32(round(rate * 2**24))
-    return jnp.where(keep, x * (1 / (1 - rate)), 0)
-
-
-def scramble(bits: jax.Array) -> jax.Array:
-    """Mix 32 bits so that each one depends on all (finaliser of MurmurHash3, Appleby, 2011)."""
-    bits = (bits ^ (bits >> 16)) * jnp.uint32(0x85EBCA6B)
-    bits = (bits ^ (bits >> 13)) * jnp.uint32(0xC2B2AE35)
-    return bits ^ (bits >> 16)
+            product = jnp.where(mask[:, None], product + summary @ kernel[channels:], 0)
+        return product, bias
 
 
 def _draw_uniform(key: jax.Array, shape: tuple[int, ...], dtype=jnp.float32, *, bound: float) -> jax.Array:

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from jaxmm.config import NetworkConfig
+from jaxmm.fused import CLOUDS, EPSILON, drop
 from jaxmm.inputs import InputError
-from jaxmm.network import CLOUDS, EPSILON, PointNetwork, drop, from_torch
+from jaxmm.network import PointNetwork, from_torch
 from jaxmm.torch_weights import read_state_dict
 
 SMALL = NetworkConfig(encoder=(8, 16), head=(12, 6), dropout=0.0)
