@@ -112,3 +112,23 @@ def test_nothing_to_write_and_no_place_to_write(written, tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space left"):
         write_room(tmp_path / "a.ifc", primitives, 0)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_elements_that_share_a_global_id_are_all_there(written, tmp_path):
+    model = ifcopenshell.open(str(written[1][0][0]))
+    count = len(model.by_type("IfcElement"))
+    first, second, third = model.by_type("IfcWall")[:3]
+    own = first.GlobalId
+    second.GlobalId = third.GlobalId = own
+    model.write(str(tmp_path / "twice.ifc"))
+    building = read_ifc(tmp_path / "twice.ifc")
+    assert len(set(building.elements.guid)) == len(building.elements.guid) == count and building.failures == ()
+    names = dict(zip(building.elements.guid, building.elements.name, strict=True))
+    assert [names[own + end] for end in ("", "_1", "_2")] == [first.Name, second.Name, third.Name]
+    assert building.notes == (f"more than one element has the GlobalId {own!r}: a suffix tells them apart",)
+    # Of two with one id, one without a body: it is listed, and the other is there.
+    second.Representation = None
+    model.write(str(tmp_path / "twice.ifc"))
+    building = read_ifc(tmp_path / "twice.ifc")
+    assert len(building.elements.guid) == count - 1
+    assert [(failure.guid, failure.name) for failure in building.failures] == [(f"{own}_1", second.Name)]
