@@ -7,6 +7,7 @@ whose shape cannot be made are listed with the reason.
 
 import itertools
 import os
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -65,7 +66,7 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
         options: whether glass and doors are there.
 
     Raises:
-        ValueError: missing; not IFC or cut off; no length unit; no element with a shape.
+        ValueError: missing; not IFC or cut off; no length unit, or an unknown one; no element with a shape.
         ImportError: ifcopenshell is not installed.
     """
     model, notes = _open(Path(path))
@@ -160,15 +161,41 @@ def _mend(product: Any) -> bool:
 
 def _unit_scale(model: Any, path: Path | str) -> float:
     """Metres per unit of length in the file."""
-    import ifcopenshell.util.unit
+    from ifcopenshell.util.unit import get_project_unit
 
-    unit = ifcopenshell.util.unit.get_project_unit(model, "LENGTHUNIT")
+    unit = get_project_unit(model, "LENGTHUNIT")
     if unit is None:
         raise ValueError(f"{path}: expected a unit of length (IfcUnitAssignment with LENGTHUNIT), found none")
-    scale = ifcopenshell.util.unit.calculate_unit_scale(model)
+    scale = _metres(unit, Path(path))
     if not 0.0 < scale < np.inf:
-        raise ValueError(f"{path}: expected a unit of length in metres, got a scale of {scale}")
-    return float(scale)
+        name = _prefix_and_name(unit, Path(path)) if unit.is_a("IfcSIUnit") else getattr(unit, "Name", None)
+        raise ValueError(f"{path}: the length unit {unit.is_a()} {name or 'without a name'} is unknown")
+    return scale
+
+
+def _metres(unit: Any, path: Path, depth: int = 0) -> float:
+    """Metres per unit; NaN for one that is not the metre, with a known prefix or none, or a multiple of such a unit."""
+    from ifcopenshell.util.unit import prefixes
+
+    if unit.is_a("IfcSIUnit"):
+        prefix, _, name = _prefix_and_name(unit, path).rpartition(" ")
+        return prefixes.get(prefix, 1.0 if not prefix else np.nan) if name == "METRE" else np.nan
+    # A unit that is defined by itself has no length.
+    if not unit.is_a("IfcConversionBasedUnit") or depth > 8:
+        return np.nan
+    factor = unit.ConversionFactor
+    value = getattr(factor and factor.ValueComponent, "wrappedValue", None)
+    if not isinstance(value, int | float) or not factor.UnitComponent:
+        return np.nan
+    return float(value) * _metres(factor.UnitComponent, path, depth + 1)
+
+
+def _prefix_and_name(unit: Any, path: Path) -> str:
+    """Prefix and name of an IfcSIUnit, as `MILLI METRE`, from the text: the parser takes an unknown one for none."""
+    entity = re.compile(rb"#\s*%d\s*=\s*IFCSIUNIT\s*\(([^;]*)\)\s*;" % unit.id(), re.IGNORECASE)
+    found = entity.search(path.read_bytes())
+    words = found[1].decode("ascii", "replace").split(",")[2:] if found else [unit.Prefix or "$", unit.Name or "$"]
+    return " ".join(word.strip(" .\t\r\n").upper() for word in words if word.strip() not in ("$", "*"))
 
 
 def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[int, int]]:
