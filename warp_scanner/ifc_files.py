@@ -1,8 +1,9 @@
 """Reads IFC files: every product with a body becomes one element, in metres and world coordinates, openings cut.
 
-Spaces, openings and other things without matter are left out. What a wall, column, door or window is put together from
-(plates, members, layers) belongs to it; all else that is put together (stairs, roofs) stays as its parts. Elements
-whose shape cannot be made are listed with the reason.
+Spaces, openings, annotations, grids, ports and structural analysis have no matter and are left out; so is, with a
+note, what a site or another part of the spatial structure shows of itself (terrain, outlines). What a wall, column,
+door or window is put together from (plates, members, layers) belongs to it; all else that is put together (stairs,
+roofs) stays as its parts. Elements whose shape cannot be made are listed with the reason.
 """
 
 import itertools
@@ -22,7 +23,13 @@ from warp_scanner.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, 
 _KERNEL = "hybrid-cgal-simple-opencascade"
 _CLEAR = 0.3  # transparency from which a material counts as glass
 _WHOLES = ("IfcWall", "IfcColumn", "IfcDoor", "IfcWindow")  # own what they are put together from
-_WITHOUT_MATTER = ("IfcFeatureElement", "IfcVirtualElement")
+# Names that a version of the schema lacks match nothing.
+_WITHOUT_MATTER = (
+    "IfcFeatureElement", "IfcVirtualElement", "IfcAnnotation", "IfcGrid", "IfcPositioningElement", "IfcLinearElement",
+    "IfcPort", "IfcStructuralActivity", "IfcStructuralItem",
+)  # fmt: skip
+_SPATIAL = ("IfcSpatialElement", "IfcSpatialStructureElement")
+_VOLUMES = ("IfcSpace", "IfcSpatialZone", "IfcExternalSpatialStructureElement")  # the air between elements
 _CLASSES = (
     ("IfcWall", WALL),
     ("IfcColumn", PILLAR),
@@ -72,7 +79,7 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
     model, notes = _open(Path(path))
     unit = _unit_scale(model, path)
     storeys, rows = _storeys(model, unit)
-    products = [product for product in model.by_type("IfcElement") if not any(map(product.is_a, _WITHOUT_MATTER))]
+    products, left_out = _products(model)
     guids, repeated = _unique_guids(products)
     shapes, reasons = _shapes(model, [product for product in products if product.Representation])
     pieces: dict[Any, list[_Shape]] = {}
@@ -92,7 +99,22 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
         if product.id() not in shown
     ]
     placed, assumed = to_map(model, unit)
-    return assemble(str(path), parts, Found(storeys, tuple(failures), notes + repeated + assumed, placed))
+    return assemble(str(path), parts, Found(storeys, tuple(failures), notes + left_out + repeated + assumed, placed))
+
+
+def _products(model: Any) -> tuple[list[Any], tuple[str, ...]]:
+    """All that may have a body: elements, then other products that show something; and a note for each left out."""
+    others = [product for product in model.by_type("IfcProduct") if product.Representation]
+    others = [product for product in others if not product.is_a("IfcElement")]
+    spatial = [product for product in others if any(map(product.is_a, _SPATIAL))]
+    # Terrain would make all that lies above it the inside of the building.
+    notes = tuple(
+        f"the shape of {product.is_a()} {product.Name or ''!r} was left out: it is no element of the building"
+        for product in spatial
+        if not any(map(product.is_a, _VOLUMES))
+    )
+    products = [*model.by_type("IfcElement"), *(product for product in others if product not in spatial)]
+    return [product for product in products if not any(map(product.is_a, _WITHOUT_MATTER))], notes
 
 
 def _unique_guids(products: list[Any]) -> tuple[dict[int, str], tuple[str, ...]]:
