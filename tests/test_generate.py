@@ -252,7 +252,7 @@ def test_a_full_disk_is_one_line_and_the_next_run_goes_on(config, expected, tmp_
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", full)
         code, lines = said(*arguments)
-    assert code == 1 and "No space left on device" in lines[-1] and "shard-000003" in lines[-1]
+    assert code == 2 and "No space left on device" in lines[-1] and "shard-000003" in lines[-1]
     assert lines[:-1] == ["generate pairs"] and len(made(tmp_path / "out")) == 3
     assert not list(tmp_path.rglob("*.tmp"))
     assert_only_whole_shards_are_listed(tmp_path / "out")
@@ -263,7 +263,7 @@ def test_a_file_that_the_system_refuses_to_grow_leaves_nothing_half_written(conf
     process = start(config, tmp_path / "out", "--workers", 1, file_limit=10_000)
     _, err = process.communicate(timeout=60)
     lines = err.splitlines()
-    assert process.returncode == 1 and lines[0] == "generate pairs" and len(lines) == 2, err
+    assert process.returncode == 2 and lines[0] == "generate pairs" and len(lines) == 2, err
     assert "shard-000000" in lines[1] and "File too large" in lines[1]
     assert not made(tmp_path / "out") and not list(tmp_path.rglob("*.tmp"))
 
