@@ -1,4 +1,7 @@
-"""The command line: parses, calls, prints. Errors are one line; 2 says the input is wrong, 1 that the work failed."""
+"""The command line: parses, calls, prints. Errors are one line.
+
+2 says that the input is wrong, or that `scan` and `generate` have nowhere to write; 1 that the work failed.
+"""
 
 import argparse
 import sys
@@ -14,6 +17,8 @@ from jaxmm.inputs import InputError
 
 ENGINES = ("local", "ray")
 THESIS_METHODS = ("released", "nn-raw", "rule", "nn", "xyz_nn", "evidence")
+WRITERS = ("scan", "generate")  # commands for which a file that cannot be written is the user's to put right
+FARTHEST = 1e9  # [m] coordinates beyond this are taken for mistakes, as in building files
 FEW_RETURNS = 0.05  # share of rays below which a scan is hardly one
 SCAN_SENSORS = (
     "oak-d-pro (default), oak-d-pro-small, velodyne-16, ouster-64 or tls, ideal within its range; with -real behind "
@@ -59,10 +64,18 @@ def _run(options: argparse.Namespace) -> int:
         return _failed(options, f"interrupted; {again} goes on", 1)
     except InputError as error:
         return _failed(options, str(error), 2)
+    except OSError as error:
+        if options.command in WRITERS and error.filename is not None:  # others are not about a file
+            return _failed(options, f"{error.filename}: {error.strerror}", 2)
+        return _failed(options, _described(error), 1)
     except Exception as error:
-        lines = str(error).strip().splitlines() or [""]
-        return _failed(options, f"{type(error).__name__}: {lines[0]}", 1)
+        return _failed(options, _described(error), 1)
     return 0
+
+
+def _described(error: Exception) -> str:
+    lines = str(error).strip().splitlines() or [""]
+    return f"{type(error).__name__}: {lines[0]}"
 
 
 def _failed(options: argparse.Namespace, message: str, code: int) -> int:
@@ -274,6 +287,8 @@ def _pose(text: str) -> tuple:
         values = np.array([np.nan])
     if len(values) not in (4, 5) or not np.isfinite(values).all() or abs(np.append(values, 0.0)[4]) > 90.0:
         raise InputError(f"--pose: expected X,Y,Z,YAW[,PITCH], finite, pitch within 90 degrees, got {text!r}")
+    if np.any(np.abs(values[:3]) > FARTHEST):
+        raise InputError(f"--pose: expected X, Y and Z within {FARTHEST:g} m, got {text!r}")
     return values[:3], values[3], values[4] if len(values) == 5 else 0.0
 
 

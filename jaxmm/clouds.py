@@ -5,6 +5,7 @@ A point cloud holds the N returns with the element of each, and but for CSV its 
 of the elements as well. Only NPZ holds the rays without a return, and the incidence.
 """
 
+import errno
 import uuid
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -118,6 +119,7 @@ def _write_e57(path: Path, scan: SensorScan) -> None:
     jaxmm:guid of the scan with the GlobalIds, are fields of an extension, which other readers pass over.
     """
     import pye57
+    from pye57 import libe57
 
     hit, points = np.isfinite(scan.distance), local_points(scan)
     columns = {f"cartesian{axis}": np.ascontiguousarray(points[:, i]) for i, axis in enumerate("XYZ")}
@@ -127,12 +129,16 @@ def _write_e57(path: Path, scan: SensorScan) -> None:
     columns["jaxmm:semantic"] = scan.semantic[hit].astype(np.longlong)
 
     def write(temporary: Path) -> None:
-        file = pye57.E57(str(temporary), mode="w")
         try:
-            file.image_file.extensionsAdd("jaxmm", E57_EXTENSION)
-            _add_e57_scan(file, scan, columns)
-        finally:
-            file.close()
+            file = pye57.E57(str(temporary), mode="w")
+            try:
+                file.image_file.extensionsAdd("jaxmm", E57_EXTENSION)
+                _add_e57_scan(file, scan, columns)
+            finally:
+                file.close()
+        except libe57.E57Exception as error:  # the library's only kind, which does not say what the system said
+            reason = " ".join(str(error).split())[:200]
+            raise OSError(errno.EIO, f"cannot be written as E57: {reason}", str(path)) from error
 
     write_atomically(path, write)
 

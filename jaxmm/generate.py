@@ -54,7 +54,7 @@ def generate(config: Config, folder: Path, request: Request) -> Manifest:
             raise InputError(f"--{name}: expected at least 1, got {value}")
     results = _engine(request)
     _check_space(config, folder, request)
-    with runs.open_run(folder, config):
+    with runs.open_run(folder, config, threads_matter=False):  # every shard is the work of one thread
         manifest = _opened(config, folder, request)
         earlier = dict(manifest.shards)  # what repaired shards must turn out to be
         _drop_damaged(folder, manifest, request)

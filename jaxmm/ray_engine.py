@@ -10,14 +10,25 @@ import logging
 import os
 import re
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from jaxmm import runs
 from jaxmm.inputs import InputError
 
-PATIENCE = 5.0  # [s] for the first answer of a cluster; Ray itself would try for minutes
+PATIENCE = 5.0  # [s] for the first answer of an address
+DEADLINE = 20.0  # [s] for a cluster to take a first visitor; Ray itself would try for minutes
 RETRIES = 10  # of one task whose worker died
+# Connects as `connect` does, in a process that can be ended: Ray waits without a limit, and then ends its process.
+VISIT = """
+import logging, sys, ray
+try:
+    ray.init(address=sys.argv[1], log_to_driver=False, logging_level=logging.CRITICAL)
+except Exception as error:
+    sys.exit("jaxmm: " + (str(error).strip().splitlines() or [type(error).__name__])[0])
+"""
 OWN = ("threads", "git_commit")  # versions that may differ between machines whose bits agree
 
 
@@ -27,7 +38,6 @@ def connect(workers: int | None = None) -> None:
     Raises:
         InputError: Ray is not installed, or the cluster cannot be reached.
     """
-    os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")  # else its libraries print what is told below
     try:
         import ray
     except ImportError as error:
@@ -35,7 +45,10 @@ def connect(workers: int | None = None) -> None:
     if ray.is_initialized():
         return
     address = os.environ.get("RAY_ADDRESS")
-    _knock(address)
+    if address and address != "local":
+        _knock(address)
+        _visit(address)
+    # RAY_BACKEND_LOG_LEVEL stays as it is: when it is set, Ray's libraries print that it is.
     local = {} if address else {"num_cpus": workers, "include_dashboard": False}
     try:
         ray.init(address=address or "local", log_to_driver=False, logging_level=logging.CRITICAL, **local)
@@ -44,15 +57,28 @@ def connect(workers: int | None = None) -> None:
         raise _unreachable(address, reason) from error
 
 
-def _knock(address: str | None) -> None:
+def _knock(address: str) -> None:
     """Refuse an address at which nobody answers."""
-    place = re.fullmatch(r"(?:ray://)?\[?([^/\]]+)\]?:(\d{1,5})", address or "")
+    place = re.fullmatch(r"(?:ray://)?\[?([^/\]]+)\]?:(\d{1,5})", address)
     if place is None:  # auto, local, or a name that Ray resolves
         return
     try:
         socket.create_connection((place[1], int(place[2])), PATIENCE).close()
     except (OSError, OverflowError, UnicodeError) as error:
         raise _unreachable(address, getattr(error, "strerror", None) or str(error)) from error
+
+
+def _visit(address: str) -> None:
+    """Refuse an address at which something other than a cluster answers, or one that takes nobody in."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", VISIT, address], capture_output=True, text=True, errors="replace", timeout=DEADLINE
+        )
+    except subprocess.TimeoutExpired as error:
+        raise _unreachable(address, f"it did not let us in within {DEADLINE:.0f} s") from error
+    if done.returncode:
+        lines = [line.removeprefix("jaxmm: ") for line in done.stderr.splitlines() if line.startswith("jaxmm: ")]
+        raise _unreachable(address, lines[0] if lines else "Ray gave up on it")
 
 
 def _unreachable(address: str | None, reason: str) -> InputError:

@@ -35,6 +35,7 @@ PACKAGES = (
     "numpy",
     "optax",
     "orbax-checkpoint",
+    "safetensors",
     "scikit-learn",
     "scipy",
     "warp-lang",
@@ -42,8 +43,13 @@ PACKAGES = (
 
 
 @contextlib.contextmanager
-def open_run(folder: Path, config: Config) -> Iterator[None]:
+def open_run(folder: Path, config: Config, *, threads_matter: bool = True) -> Iterator[None]:
     """Hold a run folder for writing: made when absent, resumed when it holds the same settings.
+
+    Args:
+        folder: the run folder.
+        config: its settings.
+        threads_matter: whether the bits of what it holds depend on how many cores made them.
 
     Raises:
         InputError: the folder holds something else, other settings, or a process that is still running.
@@ -72,7 +78,7 @@ def open_run(folder: Path, config: Config) -> Iterator[None]:
         if (folder / CONFIG).exists():
             if read_config(folder) != config:
                 raise InputError(f"{folder}: holds a run with other settings; choose another --out or remove it")
-            _check_versions(folder)
+            _check_versions(folder, ("git_commit",) if threads_matter else ("git_commit", "threads"))
         else:
             # The settings come last: they make the folder a run folder, with all that one begins with.
             write_json(folder / VERSIONS, versions())
@@ -93,10 +99,13 @@ def _forget_unbegun(folder: Path) -> None:
             (folder / name).unlink(missing_ok=True)
 
 
-def _check_versions(folder: Path) -> None:
-    """Refuse to go on with a run that other code began: one table would hold the results of both."""
+def _check_versions(folder: Path, free: tuple[str, ...]) -> None:
+    """Refuse to go on with a run that other code began: one table would hold the results of both.
+
+    Versions in `free` may differ.
+    """
     begun, now = load_json(folder / VERSIONS), versions()
-    other = [name for name in now if name != "git_commit" and begun.get(name) != now[name]]
+    other = [name for name in now if name not in free and begun.get(name) != now[name]]
     if other:
         raise InputError(
             f"{folder}: holds a run made with other {', '.join(other)} ({VERSIONS}); go back to them or start anew"

@@ -187,6 +187,15 @@ def test_two_hundred_poses_stand_free_inside(hall):
     assert hall.elements.name[element_around(hall.triangles, np.array([-2.0, 0.0, 1.0]))] == "column a"
 
 
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_what_changes_lies_within_the_reach_of_the_sensor(hall, scenario):
+    sensor = Pinhole(96, 60, range_limits=(0.8, 2.5))
+    config = BuildingPairConfig(sensor=sensor, scenario=scenario, minimum_share=0.01)
+    pairs = make_building_pairs(hall, config, np.arange(6))
+    changed = pairs.changed_dt if scenario.endswith("removed") else pairs.changed_robot
+    assert np.all(changed.mean(axis=1) >= 0.01)
+
+
 def test_refuses_what_the_building_lacks_and_wrong_settings(hall, tmp_path):
     path = tmp_path / "floor.glb"
     scene = trimesh.Scene()
@@ -196,6 +205,10 @@ def test_refuses_what_the_building_lacks_and_wrong_settings(hall, tmp_path):
         pairs_of(read_building(path), scenario="wall_removed")
     with pytest.raises(ValueError, match="index must be"):
         make_building_pairs(hall, BuildingPairConfig(), np.array([-1]))
+    for storey in (7, 1, -1, 0.5):  # the hall has one
+        for scenario in ("pillar_removed", "wall_added"):
+            with pytest.raises(ValueError, match=rf"storey must be .* 0 to 0, got {storey}"):
+                pairs_of(hall, scenario=scenario, storey=storey)
     for name, value in {"scenario": "x", "condition": "x", "range_noise": -1.0, "copied_share": 2.0}.items():
         with pytest.raises(ValueError, match=name):
             BuildingPairConfig(**{name: value})

@@ -8,6 +8,7 @@ import trimesh
 
 from warp_scanner.building_files import read_building
 from warp_scanner.buildings import ReadOptions, bounds, join, remarks
+from warp_scanner.ifc_files import _unit_scale
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import DOOR, OTHER, PILLAR, WALL, WINDOW
 from warp_scanner.triangles import cast_triangles, prepare
@@ -174,6 +175,52 @@ IFC_HEAD = "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('',
 IFC_PROJECT = "FILE_SCHEMA(('IFC4'));\nENDSEC;\nDATA;\n#1=IFCPROJECT('0$ScRe4drECQ4DMSqUjd6d',$,'x',$,$,$,$,$,{});\n{}"
 IFC_UNIT = "#2=IFCUNITASSIGNMENT((#3));\n#3=IFCSIUNIT(*,.LENGTHUNIT.,$,.METRE.);\n"
 IFC_END = "ENDSEC;\nEND-ISO-10303-21;\n"
+
+
+CUBIT = "#3=IFCCONTEXTDEPENDENTUNIT(#4,.LENGTHUNIT.,'cubit');\n#4=IFCDIMENSIONALEXPONENTS(1,0,0,0,0,0,0);\n"
+FOOT = "#3=IFCCONVERSIONBASEDUNIT(#4,.LENGTHUNIT.,'{}',#5);\n#4=IFCDIMENSIONALEXPONENTS(1,0,0,0,0,0,0);\n"
+FOOT += "#5=IFCMEASUREWITHUNIT(IFCLENGTHMEASURE({}),#{});\n#6=IFCSIUNIT(*,.LENGTHUNIT.,{},.METRE.);\n"
+
+
+def with_unit(text):
+    return IFC_HEAD + IFC_PROJECT.format("#2", "#2=IFCUNITASSIGNMENT((#3));\n" + text) + IFC_END
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        pytest.param(CUBIT, "IfcContextDependentUnit cubit", id="context"),
+        pytest.param("#3=IFCSIUNIT(*,.LENGTHUNIT.,.FOO.,.METRE.);\n", "IfcSIUnit FOO METRE", id="prefix"),
+        pytest.param("#3=IFCSIUNIT(*,.LENGTHUNIT.,$,.FURLONG.);\n", "IfcSIUnit FURLONG", id="SI unit"),
+        pytest.param("#3= IfcSiUnit (*,.LENGTHUNIT.,\n$,.GRAM.) ;\n", "IfcSIUnit GRAM", id="mass"),
+        pytest.param("#3=IFCSIUNIT(*,.LENGTHUNIT.,$,$);\n", "IfcSIUnit without a name", id="nameless"),
+        pytest.param(FOOT.format("FOOT", "0.", 6, "$"), "IfcConversionBasedUnit FOOT", id="zero"),
+        pytest.param(FOOT.format("FOOT", "-1.", 6, "$"), "IfcConversionBasedUnit FOOT", id="negative"),
+        pytest.param(FOOT.format("FOOT", "0.3048", 6, ".FOO."), "IfcConversionBasedUnit FOOT", id="of a prefix"),
+        pytest.param(FOOT.format("FOOT", "0.3048", 3, "$"), "IfcConversionBasedUnit FOOT", id="of itself"),
+    ],
+)
+def test_an_unknown_unit_is_not_taken_for_a_metre(tmp_path, text, words):
+    pytest.importorskip("ifcopenshell")
+    (tmp_path / "a.ifc").write_text(with_unit(text))
+    with pytest.raises(ValueError, match=f"the length unit {words} is unknown") as refusal:
+        read_building(tmp_path / "a.ifc")
+    assert "a.ifc" in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "text, metres",
+    [
+        pytest.param("#3=IFCSIUNIT(*,.LENGTHUNIT.,$,.METRE.);\n", 1.0, id="metre"),
+        pytest.param("#3=IFCSIUNIT(*,.LENGTHUNIT.,*,.METRE.);\n", 1.0, id="metre with a star"),
+        pytest.param("#3=IFCSIUNIT(*,.LENGTHUNIT.,.MILLI.,.METRE.);\n", 0.001, id="millimetre"),
+        pytest.param(FOOT.format("FOOT", "304.8", 6, ".MILLI."), 0.3048, id="foot"),
+    ],
+)
+def test_known_units_have_their_length(tmp_path, text, metres):
+    model = pytest.importorskip("ifcopenshell").file.from_string(with_unit(text))
+    (tmp_path / "a.ifc").write_text(with_unit(text))
+    assert _unit_scale(model, tmp_path / "a.ifc") == pytest.approx(metres, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,10 @@
 """`jaxmm scan`: a building and a pose become a scan file; what cannot be scanned ends in one line, code 2."""
 
+import errno
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import trimesh
@@ -95,6 +100,8 @@ def test_what_cannot_be_scanned_is_one_line(house, tmp_path, refused):
     refused(scan("0,0,-5,0"), "outside the building")
     for pose in ("1,2,3", "a,b,c,d", "1,2,nan,0", "1,2,1,0,91", "", "1,2,3,4,5,6"):
         refused(scan(pose), "--pose", "X,Y,Z,YAW")
+    for pose in ("1e300,0,1.5,0", "0,-2e9,1.5,0", "0,0,1e10,0,1"):
+        refused(scan(pose), "--pose", "within 1e+09 m", pose)
     refused(scan(out=tmp_path / "scan.las"), "scan.las", ".e57")
     refused(scan(more=["--sensor", "eye"]), "oak-d-pro", "eye: expected a sensor file")
     refused(scan(more=[*HOUSE, "--unit", "0"]), "unit")
@@ -110,6 +117,31 @@ def test_what_cannot_be_scanned_is_one_line(house, tmp_path, refused):
         mesh = tmp_path / "mesh.obj"
         mesh.write_text(f"v nan 0 0\nv 1 0 0\nv 0 1 0\n{face}\n")
         refused(scan(scene=mesh), "mesh.obj", words)
+
+
+@pytest.mark.parametrize("number", ["ENOSPC", "EDQUOT", "EACCES", "EROFS", "ENOTDIR"])
+def test_a_file_that_cannot_be_written_is_named(house, tmp_path, monkeypatch, refused, number):
+    number = getattr(errno, number)
+
+    def fail(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "replace", fail)
+    out = tmp_path / "scan.ply"
+    refused(["scan", house, "--pose", "-1,0,1.5,0", *HOUSE, "--out", out], out, os.strerror(number))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", ["ply", "pcd", "e57", "csv", "npz"])
+def test_a_file_that_the_system_refuses_to_grow_is_named(house, tmp_path, suffix):
+    out = tmp_path / f"scan.{suffix}"
+    code = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
+    code += "from jaxmm import cli; sys.exit(cli.main(sys.argv[1:]))"
+    arguments = ["scan", house, "--pose", "-1,0,1.5,0", *HOUSE, "--out", out]
+    done = subprocess.run([sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == 2, done.stderr
+    assert len(done.stderr.splitlines()) == 1 and f"scan.{suffix}: " in done.stderr
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_place_on_a_national_grid_is_named_in_full(tmp_path, refused):

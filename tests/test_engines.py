@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -104,6 +105,28 @@ def test_a_cluster_that_nobody_answers_for_is_refused(address, config, tmp_path,
     arguments = ["generate", config, "--out", tmp_path / "out", "--count", 3, "--engine", "ray"]
     refused(arguments, "--engine", "no Ray cluster", address)
     assert not list(tmp_path.iterdir())
+
+
+def test_an_address_of_something_else_than_ray_is_refused_soon(config, tmp_path, monkeypatch, refused):
+    pytest.importorskip("ray", reason="needs the package ray")
+    monkeypatch.setattr(ray_engine, "DEADLINE", 6.0)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"127.0.0.1:{silent.getsockname()[1]}"
+        monkeypatch.setenv("RAY_ADDRESS", address)
+        arguments = ["generate", config, "--out", tmp_path / "out", "--count", 3, "--engine", "ray"]
+        begin = time.monotonic()
+        refused(arguments, "--engine", "no Ray cluster", address, "within 6 s")
+    assert time.monotonic() - begin < 30 and not list(tmp_path.iterdir())
+
+
+def test_a_cluster_of_this_machine_starts_without_a_word():
+    pytest.importorskip("ray", reason="needs the package ray")
+    hidden = ("RAY_ADDRESS", "RAY_BACKEND_LOG_LEVEL")
+    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    code = "from jaxmm import ray_engine; ray_engine.connect(1)"
+    root = Path(__file__).parents[1]
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=root)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 def deadly(marks, config, raw, first, stop):

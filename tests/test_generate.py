@@ -227,6 +227,18 @@ def test_a_folder_of_something_else_is_refused_and_left_alone(config, expected, 
     refused([*arguments, folder, "--count", COUNT], folder, "other code")
 
 
+def test_a_machine_with_more_cores_goes_on_with_the_same_folder(config, expected, tmp_path, monkeypatch, refused, said):
+    write_all(tmp_path, expected)
+    made(tmp_path)[-1].unlink()
+    monkeypatch.setattr(runs.os, "cpu_count", lambda: 96)
+    arguments = ["generate", config, "--out", tmp_path, "--count", COUNT, "--workers", 1]
+    assert said(*arguments, "--repair")[0] == 0 and files(tmp_path) == expected
+    versions = json.loads(expected["versions.json"])
+    other = versions | {"packages": versions["packages"] | {"safetensors": "0.0.1"}}
+    (tmp_path / "versions.json").write_text(json.dumps(other))
+    refused(["generate", config, "--out", tmp_path, "--count", COUNT], tmp_path, "other packages")
+
+
 def test_a_full_disk_is_one_line_and_the_next_run_goes_on(config, expected, tmp_path, monkeypatch, said):
     replace, left = os.replace, [3]
 
@@ -240,7 +252,7 @@ def test_a_full_disk_is_one_line_and_the_next_run_goes_on(config, expected, tmp_
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", full)
         code, lines = said(*arguments)
-    assert code == 1 and "No space left on device" in lines[-1] and "shard-000003" in lines[-1]
+    assert code == 2 and "No space left on device" in lines[-1] and "shard-000003" in lines[-1]
     assert lines[:-1] == ["generate pairs"] and len(made(tmp_path / "out")) == 3
     assert not list(tmp_path.rglob("*.tmp"))
     assert_only_whole_shards_are_listed(tmp_path / "out")
@@ -251,7 +263,7 @@ def test_a_file_that_the_system_refuses_to_grow_leaves_nothing_half_written(conf
     process = start(config, tmp_path / "out", "--workers", 1, file_limit=10_000)
     _, err = process.communicate(timeout=60)
     lines = err.splitlines()
-    assert process.returncode == 1 and lines[0] == "generate pairs" and len(lines) == 2, err
+    assert process.returncode == 2 and lines[0] == "generate pairs" and len(lines) == 2, err
     assert "shard-000000" in lines[1] and "File too large" in lines[1]
     assert not made(tmp_path / "out") and not list(tmp_path.rglob("*.tmp"))
 

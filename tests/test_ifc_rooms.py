@@ -6,10 +6,25 @@ import os
 import numpy as np
 import pytest
 
-from warp_scanner.buildings import Building
+from warp_scanner.buildings import Building, fixed
 from warp_scanner.rooms import RoomConfig, make_rooms
 from warp_scanner.scan import Rays, cast_rays
-from warp_scanner.scenes import BOX, CEILING, CYLINDER, DOOR, FLOOR, GAP, PILLAR, WALL, take
+from warp_scanner.scenes import (
+    BOX,
+    CABINET,
+    CARTON,
+    CEILING,
+    CYLINDER,
+    DOOR,
+    FLOOR,
+    GAP,
+    OTHER,
+    PERSON,
+    PILLAR,
+    TABLE,
+    WALL,
+    take,
+)
 from warp_scanner.sensors import Pinhole, rotation_of
 from warp_scanner.triangles import cast_triangles, prepare
 
@@ -112,3 +127,55 @@ def test_nothing_to_write_and_no_place_to_write(written, tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space left"):
         write_room(tmp_path / "a.ifc", primitives, 0)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_elements_that_share_a_global_id_are_all_there(written, tmp_path):
+    model = ifcopenshell.open(str(written[1][0][0]))
+    count = len(model.by_type("IfcElement"))
+    first, second, third = model.by_type("IfcWall")[:3]
+    own = first.GlobalId
+    second.GlobalId = third.GlobalId = own
+    model.write(str(tmp_path / "twice.ifc"))
+    building = read_ifc(tmp_path / "twice.ifc")
+    assert len(set(building.elements.guid)) == len(building.elements.guid) == count and building.failures == ()
+    names = dict(zip(building.elements.guid, building.elements.name, strict=True))
+    assert [names[own + end] for end in ("", "_1", "_2")] == [first.Name, second.Name, third.Name]
+    assert building.notes == (f"more than one element has the GlobalId {own!r}: a suffix tells them apart",)
+    # Of two with one id, one without a body: it is listed, and the other is there.
+    second.Representation = None
+    model.write(str(tmp_path / "twice.ifc"))
+    building = read_ifc(tmp_path / "twice.ifc")
+    assert len(building.elements.guid) == count - 1
+    assert [(failure.guid, failure.name) for failure in building.failures] == [(f"{own}_1", second.Name)]
+
+
+def test_products_that_are_no_elements_are_there_too(written, tmp_path):
+    model = ifcopenshell.open(str(written[1][0][0]))
+    wall = model.by_type("IfcWall")[0]
+    count = len(model.by_type("IfcElement"))
+    shown = {"ObjectPlacement": wall.ObjectPlacement, "Representation": wall.Representation}
+    for kind in ("IfcProxy", "IfcAnnotation", "IfcGrid", "IfcSpace", "IfcStructuralSurfaceMember"):
+        more = {"ProxyType": "PRODUCT"} if kind == "IfcProxy" else {}
+        model.create_entity(kind, GlobalId=ifcopenshell.guid.new(), Name=f"my {kind}", **shown, **more)
+    site = model.by_type("IfcSite")[0]
+    site.Representation = wall.Representation
+    model.write(str(tmp_path / "more.ifc"))
+    building = read_ifc(tmp_path / "more.ifc")
+    assert building.elements.name[count:] == ("my IfcProxy",) and building.elements.ifc_class[count:] == ("IfcProxy",)
+    assert building.elements.semantic[count] == OTHER and building.failures == ()
+    assert building.notes == ("the shape of IfcSite 'site' was left out: it is no element of the building",)
+    assert building.elements.name.index(wall.Name) < count
+
+
+@pytest.mark.parametrize("semantic, word", [(CABINET, "cabinet"), (CARTON, "carton"), (PERSON, "person")])
+def test_what_can_be_moved_is_no_part_of_the_building_when_read_back(written, tmp_path, semantic, word):
+    primitives = written[0]
+    moved = primitives._replace(semantic=np.where(primitives.semantic == TABLE, semantic, primitives.semantic))
+    guids = write_room(tmp_path / "a.ifc", moved, 0)
+    building = read_ifc(tmp_path / "a.ifc")
+    own = [guids[number] for number in np.unique(moved.element[0, moved.semantic[0] == semantic])]
+    rows = [building.elements.guid.index(guid) for guid in own]
+    assert rows and not fixed(building.triangles)[rows].any()
+    assert all(building.elements.name[row].startswith(word) for row in rows)
+    model = ifcopenshell.open(str(tmp_path / "a.ifc"))
+    assert all(model.by_guid(guid).ObjectType == word for guid in own)

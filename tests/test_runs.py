@@ -141,6 +141,15 @@ def test_other_settings_are_refused(tmp_path):
     assert runs.read_config(tmp_path) == CONFIG
 
 
+def test_another_number_of_cores_is_refused_where_it_matters(tmp_path, monkeypatch):
+    with runs.open_run(tmp_path, CONFIG):
+        pass
+    monkeypatch.setattr(runs.os, "cpu_count", lambda: 96)
+    refused(lambda: runs.open_run(tmp_path, CONFIG).__enter__(), tmp_path, "other threads")
+    with runs.open_run(tmp_path, CONFIG, threads_matter=False):
+        pass
+
+
 def test_a_mistake_that_is_put_right_is_not_another_run(tmp_path):
     """Settings that led to no work do not bind the folder; those that did, do."""
     other = dataclasses.replace(CONFIG, seed=1)

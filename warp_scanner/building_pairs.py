@@ -49,11 +49,11 @@ class BuildingPairConfig:
     condition: str = "clean"  # or "occluded"
     sensor: Sensor = OAK_D_PRO_SMALL  # errs in the robot scan only; the DT scan shares its reach
     standing: Standing = Standing()
-    storey: int | None = None  # row of the storey table; None draws from all
+    storey: int | None = None  # row of the building's storey table; None draws from all
     copied_share: float = 0.3  # share of added objects whose shape is copied from one of the building's own
     range_noise: float = 0.0  # standard deviation of the robot's ranges, on top of the sensor's own
     testable_margin: float = 0.1  # ranges must differ by more than this to tell prior and reality apart
-    minimum_share: float = 0.001  # least share of the rays that hit the changed object in the clean scene
+    minimum_share: float = 0.001  # least share of the rays that hit the changed object in the clean scene, within reach
 
     def __post_init__(self):
         if self.scenario not in (*SCENARIOS, "unchanged"):
@@ -109,7 +109,8 @@ def make_building_pairs(
         threads: how many to use; by default as many as the machine has cores.
 
     Raises:
-        ValueError: index is not (R,) or holds a negative number; something is to be removed that the building lacks.
+        ValueError: index is not (R,) or holds a negative number; the building has no such storey; something is to be
+            removed that it lacks.
         RuntimeError: no place where a sensor sees a change.
     """
     index = np.asarray(index)
@@ -123,6 +124,11 @@ def make_building_pairs(
 
 
 def _site(building: Building, config: BuildingPairConfig) -> _Site:
+    count = len(building.storeys.name)
+    if config.storey is not None and config.storey not in range(count):
+        raise ValueError(
+            f"storey must be a row of the building's {count} storeys, 0 to {count - 1}, got {config.storey}"
+        )
     low, high = element_bounds(building.triangles)
     rows = np.zeros(0, int)
     if config.scenario.endswith("removed"):
@@ -169,7 +175,7 @@ def _facing(site: _Site, config: BuildingPairConfig, pose: Pose, key: np.ndarray
     """The pose turned so that something that can be removed is in view; None where nothing around it is."""
     angle = np.arange(_RING) * (2.0 * np.pi / _RING)
     ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1).astype(np.float32)
-    element = cast_triangles(site.scene, Rays(pose.position, ring)).element[0]
+    element = within_reach(cast_triangles(site.scene, Rays(pose.position, ring)), config.sensor).element[0]
     seen = np.intersect1d(element, site.removable)
     if not len(seen):
         return None
@@ -184,7 +190,7 @@ def _attempt(site: _Site, config: BuildingPairConfig, view: tuple) -> _Attempt |
     """The scene around one pose, or None where the change could not be placed or seen."""
     (building, scene), (key, pose, rays, threads) = site[:2], view
     own = len(building.elements.guid)
-    prior = cast_triangles(scene, rays, threads=threads)
+    prior = within_reach(cast_triangles(scene, rays, threads=threads), config.sensor)
     if not np.isfinite(prior.distance).any():
         return None
     least = max(1, int(np.ceil(config.minimum_share * prior.distance.size)))
@@ -212,7 +218,7 @@ def _attempt(site: _Site, config: BuildingPairConfig, view: tuple) -> _Attempt |
         in_real[changed] = False
     full = prepare(triangles) if count > own else scene
     if config.scenario.endswith("added"):
-        clean = cast_triangles(full, rays, np.arange(count) < before, threads)
+        clean = within_reach(cast_triangles(full, rays, np.arange(count) < before, threads), config.sensor)
         if np.sum(clean.element == changed) < least:
             return None
     return _Attempt(full, in_prior, in_real, changed, change)

@@ -1,11 +1,15 @@
 """Reads IFC files: every product with a body becomes one element, in metres and world coordinates, openings cut.
 
-Spaces, openings and other things without matter are left out. What a wall, column, door or window is put together from
-(plates, members, layers) belongs to it; all else that is put together (stairs, roofs) stays as its parts. Elements
-whose shape cannot be made are listed with the reason.
+Spaces, openings, annotations, grids, ports and structural analysis have no matter and are left out; so is, with a
+note, what a site or another part of the spatial structure shows of itself (terrain, outlines). What a wall, column,
+door or window is put together from (plates, members, layers) belongs to it; all else that is put together (stairs,
+roofs) stays as its parts. Elements whose shape cannot be made are listed with the reason.
 """
 
+import itertools
 import os
+import re
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +23,13 @@ from warp_scanner.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, 
 _KERNEL = "hybrid-cgal-simple-opencascade"
 _CLEAR = 0.3  # transparency from which a material counts as glass
 _WHOLES = ("IfcWall", "IfcColumn", "IfcDoor", "IfcWindow")  # own what they are put together from
-_WITHOUT_MATTER = ("IfcFeatureElement", "IfcVirtualElement")
+# Names that a version of the schema lacks match nothing.
+_WITHOUT_MATTER = (
+    "IfcFeatureElement", "IfcVirtualElement", "IfcAnnotation", "IfcGrid", "IfcPositioningElement", "IfcLinearElement",
+    "IfcPort", "IfcStructuralActivity", "IfcStructuralItem",
+)  # fmt: skip
+_SPATIAL = ("IfcSpatialElement", "IfcSpatialStructureElement")
+_VOLUMES = ("IfcSpace", "IfcSpatialZone", "IfcExternalSpatialStructureElement")  # the air between elements
 _CLASSES = (
     ("IfcWall", WALL),
     ("IfcColumn", PILLAR),
@@ -63,32 +73,66 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
         options: whether glass and doors are there.
 
     Raises:
-        ValueError: missing; not IFC or cut off; no length unit; no element with a shape.
+        ValueError: missing; not IFC or cut off; no length unit, or an unknown one; no element with a shape.
         ImportError: ifcopenshell is not installed.
     """
     model, notes = _open(Path(path))
     unit = _unit_scale(model, path)
     storeys, rows = _storeys(model, unit)
-    products = [product for product in model.by_type("IfcElement") if not any(map(product.is_a, _WITHOUT_MATTER))]
-    owners = {product.GlobalId: _owner(product) for product in products}
+    products, left_out = _products(model)
+    guids, repeated = _unique_guids(products)
     shapes, reasons = _shapes(model, [product for product in products if product.Representation])
     pieces: dict[Any, list[_Shape]] = {}
     for product in products:
-        if product.GlobalId in shapes:
-            pieces.setdefault(owners[product.GlobalId], []).append(shapes[product.GlobalId])
-    parts = [part for owner, shape in pieces.items() if (part := _part(owner, shape, rows, options))]
+        if product.id() in shapes:
+            pieces.setdefault(_owner(product), []).append(shapes[product.id()])
+    parts = [
+        part._replace(guid=guids[owner.id()])
+        for owner, shape in pieces.items()
+        if (part := _part(owner, shape, rows, options))
+    ]
     # What has no body of its own is there when something that it is put together from is.
-    shown = shapes.keys() | {above for guid in shapes for above in _above(model.by_guid(guid))}
+    shown = shapes.keys() | {whole.id() for number in shapes for whole in _wholes(model.by_id(number))}
     failures = [
-        Failure(product.GlobalId, product.is_a(), product.Name or "", reasons.get(product.GlobalId, "it has no body"))
+        Failure(guids[product.id()], product.is_a(), product.Name or "", reasons.get(product.id(), "it has no body"))
         for product in products
-        if product.GlobalId not in shown
+        if product.id() not in shown
     ]
     placed, assumed = to_map(model, unit)
-    return assemble(str(path), parts, Found(storeys, tuple(failures), notes + assumed, placed))
+    return assemble(str(path), parts, Found(storeys, tuple(failures), notes + left_out + repeated + assumed, placed))
 
 
-def _part(owner: Any, shapes: list[_Shape], rows: dict[str, int], options: ReadOptions) -> Part | None:
+def _products(model: Any) -> tuple[list[Any], tuple[str, ...]]:
+    """All that may have a body: elements, then other products that show something; and a note for each left out."""
+    others = [product for product in model.by_type("IfcProduct") if product.Representation]
+    others = [product for product in others if not product.is_a("IfcElement")]
+    spatial = [product for product in others if any(map(product.is_a, _SPATIAL))]
+    # Terrain would make all that lies above it the inside of the building.
+    notes = tuple(
+        f"the shape of {product.is_a()} {product.Name or ''!r} was left out: it is no element of the building"
+        for product in spatial
+        if not any(map(product.is_a, _VOLUMES))
+    )
+    products = [*model.by_type("IfcElement"), *(product for product in others if product not in spatial)]
+    return [product for product in products if not any(map(product.is_a, _WITHOUT_MATTER))], notes
+
+
+def _unique_guids(products: list[Any]) -> tuple[dict[int, str], tuple[str, ...]]:
+    """GlobalIds by STEP id, with a suffix where an earlier product has the same, and a note that names those."""
+    guids: dict[int, str] = {}
+    count, taken = Counter(), set()
+    for product in products:
+        own = product.GlobalId or ""
+        guid = next(g for n in itertools.count(count[own]) if (g := f"{own}_{n}" if n else own) not in taken)
+        count[own] += 1
+        taken.add(guid)
+        guids[product.id()] = guid
+    repeated = [repr(own) for own, times in count.items() if times > 1]
+    told = f"more than one element has the GlobalId {', '.join(repeated)}: a suffix tells them apart"
+    return guids, (told,) if repeated else ()
+
+
+def _part(owner: Any, shapes: list[_Shape], rows: dict[int, int], options: ReadOptions) -> Part | None:
     """The element that these shapes make up; None when the options leave all of it out."""
     semantic = _semantic(owner)
     if semantic == DOOR and options.doors == "open":
@@ -139,19 +183,45 @@ def _mend(product: Any) -> bool:
 
 def _unit_scale(model: Any, path: Path | str) -> float:
     """Metres per unit of length in the file."""
-    import ifcopenshell.util.unit
+    from ifcopenshell.util.unit import get_project_unit
 
-    unit = ifcopenshell.util.unit.get_project_unit(model, "LENGTHUNIT")
+    unit = get_project_unit(model, "LENGTHUNIT")
     if unit is None:
         raise ValueError(f"{path}: expected a unit of length (IfcUnitAssignment with LENGTHUNIT), found none")
-    scale = ifcopenshell.util.unit.calculate_unit_scale(model)
+    scale = _metres(unit, Path(path))
     if not 0.0 < scale < np.inf:
-        raise ValueError(f"{path}: expected a unit of length in metres, got a scale of {scale}")
-    return float(scale)
+        name = _prefix_and_name(unit, Path(path)) if unit.is_a("IfcSIUnit") else getattr(unit, "Name", None)
+        raise ValueError(f"{path}: the length unit {unit.is_a()} {name or 'without a name'} is unknown")
+    return scale
 
 
-def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[str, int]]:
-    """The storeys from the lowest up, and the row of each GlobalId."""
+def _metres(unit: Any, path: Path, depth: int = 0) -> float:
+    """Metres per unit; NaN for one that is not the metre, with a known prefix or none, or a multiple of such a unit."""
+    from ifcopenshell.util.unit import prefixes
+
+    if unit.is_a("IfcSIUnit"):
+        prefix, _, name = _prefix_and_name(unit, path).rpartition(" ")
+        return prefixes.get(prefix, 1.0 if not prefix else np.nan) if name == "METRE" else np.nan
+    # A unit that is defined by itself has no length.
+    if not unit.is_a("IfcConversionBasedUnit") or depth > 8:
+        return np.nan
+    factor = unit.ConversionFactor
+    value = getattr(factor and factor.ValueComponent, "wrappedValue", None)
+    if not isinstance(value, int | float) or not factor.UnitComponent:
+        return np.nan
+    return float(value) * _metres(factor.UnitComponent, path, depth + 1)
+
+
+def _prefix_and_name(unit: Any, path: Path) -> str:
+    """Prefix and name of an IfcSIUnit, as `MILLI METRE`, from the text: the parser takes an unknown one for none."""
+    entity = re.compile(rb"#\s*%d\s*=\s*IFCSIUNIT\s*\(([^;]*)\)\s*;" % unit.id(), re.IGNORECASE)
+    found = entity.search(path.read_bytes())
+    words = found[1].decode("ascii", "replace").split(",")[2:] if found else [unit.Prefix or "$", unit.Name or "$"]
+    return " ".join(word.strip(" .\t\r\n").upper() for word in words if word.strip() not in ("$", "*"))
+
+
+def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[int, int]]:
+    """The storeys from the lowest up, and the row of each STEP id."""
     from ifcopenshell.util.placement import get_local_placement
 
     def elevation(storey: Any) -> float:
@@ -163,22 +233,19 @@ def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[str, int]]:
     found = sorted(((elevation(storey), storey) for storey in model.by_type("IfcBuildingStorey")), key=lambda s: s[0])
     guids = tuple(storey.GlobalId for _, storey in found)
     names = tuple(storey.Name or "" for _, storey in found)
-    return Storeys(guids, names, np.array([z for z, _ in found])), {guid: row for row, guid in enumerate(guids)}
+    rows = {storey.id(): row for row, (_, storey) in enumerate(found)}
+    return Storeys(guids, names, np.array([z for z, _ in found])), rows
 
 
-def _storey_of(product: Any, rows: dict[str, int]) -> int:
+def _storey_of(product: Any, rows: dict[int, int]) -> int:
     from ifcopenshell.util.element import get_container
 
     storey = get_container(product, ifc_class="IfcBuildingStorey")
-    return rows[storey.GlobalId] if storey else -1
-
-
-def _above(product: Any) -> list[str]:
-    """GlobalIds of all that the product is a part of, from the nearest up."""
-    return [whole.GlobalId for whole in _wholes(product)]
+    return rows[storey.id()] if storey else -1
 
 
 def _wholes(product: Any) -> list[Any]:
+    """All that the product is a part of, from the nearest up."""
     from ifcopenshell.util.element import get_aggregate
 
     wholes, whole = [], get_aggregate(product)
@@ -203,14 +270,14 @@ def _semantic(product: Any) -> int:
     return next((semantic for name, semantic in _CLASSES if product.is_a(name)), OTHER)
 
 
-def _shapes(model: Any, products: list[Any]) -> tuple[dict[str, _Shape], dict[str, str]]:
-    """Shapes by GlobalId, and for those that have none the reason."""
+def _shapes(model: Any, products: list[Any]) -> tuple[dict[int, _Shape], dict[int, str]]:
+    """Shapes by STEP id, as GlobalIds may repeat, and for those that have none the reason."""
     import ifcopenshell.geom
 
     settings = ifcopenshell.geom.settings()
     settings.set("use-world-coords", True)
     settings.set("weld-vertices", True)
-    shapes: dict[str, _Shape] = {}
+    shapes: dict[int, _Shape] = {}
     if not products:
         return shapes, {}
     iterator = ifcopenshell.geom.iterator(
@@ -220,20 +287,20 @@ def _shapes(model: Any, products: list[Any]) -> tuple[dict[str, _Shape], dict[st
         _keep(shapes, made)
     reasons = {}
     for product in products:
-        if product.GlobalId in shapes:
+        if product.id() in shapes:
             continue
         # The iterator passes over what fails, and may end there: each of the rest gets a try of its own.
         try:
             made = ifcopenshell.geom.create_shape(settings, product, geometry_library=_KERNEL)
         except Exception as error:  # the geometry kernels raise whatever they like
-            reasons[product.GlobalId] = " ".join(str(error).split())[:200] or type(error).__name__
+            reasons[product.id()] = " ".join(str(error).split())[:200] or type(error).__name__
         else:
             _keep(shapes, made)
-            reasons[product.GlobalId] = "its body has no faces"
+            reasons[product.id()] = "its body has no faces"
     return shapes, reasons
 
 
-def _keep(shapes: dict[str, _Shape], made: Any) -> None:
+def _keep(shapes: dict[int, _Shape], made: Any) -> None:
     geometry = made.geometry
     faces = np.array(geometry.faces, np.int64).reshape(-1, 3)
     if not len(faces):
@@ -241,4 +308,4 @@ def _keep(shapes: dict[str, _Shape], made: Any) -> None:
     transparency = np.nan_to_num(np.array([material.transparency for material in geometry.materials], np.float64))
     # A triangle without a material has the number -1, which picks the gap at the end.
     clear = np.append(transparency >= _CLEAR, False)[np.array(geometry.material_ids, np.int64)]
-    shapes[made.guid] = _Shape(np.array(geometry.verts, np.float64).reshape(-1, 3), faces, clear)
+    shapes[made.id] = _Shape(np.array(geometry.verts, np.float64).reshape(-1, 3), faces, clear)

@@ -14,12 +14,15 @@ import numpy as np
 from warp_scanner.ifc_files import import_ifcopenshell
 from warp_scanner.scenes import (
     BOX,
+    CABINET,
+    CARTON,
     CEILING,
     CHAIR,
     DOOR,
     FLOOR,
     FURNITURE,
     GAP,
+    PERSON,
     PILLAR,
     TABLE,
     WALL,
@@ -39,6 +42,10 @@ _PRODUCTS = {
     TABLE: ("IfcFurniture", "TABLE", "table"),
     CHAIR: ("IfcFurniture", "CHAIR", "chair"),
     FURNITURE: ("IfcFurniture", "USERDEFINED", "furniture"),
+    # Furniture is what nothing stands on when the file is read back; the schema has no class for people.
+    CABINET: ("IfcFurniture", "USERDEFINED", "cabinet"),
+    CARTON: ("IfcFurniture", "USERDEFINED", "carton"),
+    PERSON: ("IfcFurniture", "USERDEFINED", "person"),
 }
 
 
