@@ -301,18 +301,22 @@ def _refined(cloud: _Cloud, pose: np.ndarray, half: np.ndarray, free: np.ndarray
         edges = _residuals(cloud, pose, half)
         if len(edges.edge) <= len(free):
             break
-        step = _step(edges, free, np.ones(len(edges.edge)))
+        step = _step(edges, free, _trust(edges))
         pose = pose + step
         if np.abs(step).max() < 1e-5:
             break
     return pose
 
 
+def _trust(edges: _Edges) -> np.ndarray:
+    """(M,) 1 near an edge, less where its points are missing: what shows in the gap may be far away and pull hard."""
+    return 1.0 / np.maximum(1.0, np.abs(edges.inside) / _REACH)
+
+
 def _step(edges: _Edges, free: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(5,) change of pose that lays the edges along the outermost points, most of them inside: a linear programme.
 
-    Least sum of |distances|, those outwards counted _OUTSIDE times. A stretch of an edge without points costs no more
-    for lying far inside than the others can gain, so gaps do not move the edge.
+    Least weighted sum of |distances|, those outwards counted _OUTSIDE times.
     """
     count = len(edges.edge)
     equal = np.hstack([edges.slope[:, free], -np.eye(count), np.eye(count)])
@@ -331,8 +335,8 @@ def _deviation(
     """(5,) standard deviations [m, deg]: of the choice of edge points, and of how far inside the edges they lie."""
     edges = _residuals(cloud, pose, half)
     count = len(edges.edge)
-    weights = rng.multinomial(count, np.full(count, 1.0 / count), size=_RESAMPLES)
-    steps = np.array([_step(edges, free, weight) for weight in weights])
+    drawn = rng.multinomial(count, np.full(count, 1.0 / count), size=_RESAMPLES)
+    steps = np.array([_step(edges, free, times * _trust(edges)) for times in drawn])
     shifts = np.zeros((4, 5))
     shifts[:, free] = (np.linalg.pinv(edges.slope[:, free]) @ (_INSET * (edges.edge[:, None] == np.arange(4)))).T
     deviation = np.sqrt(steps.var(axis=0) + np.sum(shifts**2, axis=0))
