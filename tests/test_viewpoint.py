@@ -14,7 +14,7 @@ from warp_scanner.pairs import PRESETS, make_pairs
 from warp_scanner.points import points_of
 
 RELEASED_VIEW = (80.0, 60.0)  # [deg] what the released scans fill; the text says 80 x 55
-ROOM_COUNT = 4
+ROOM_COUNT = 3
 
 
 @functools.cache
