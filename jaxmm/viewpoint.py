@@ -23,7 +23,7 @@ LEAST_TOUCHED_EDGE = 0.15  # of each; with a wrong field of view, an edge has no
 WELL_TOUCHED = 0.8  # of all edges; with less, another field of view may fit better
 HOPELESS = 0.4  # of all edges; with less, no other field of view is asked for
 MOST_HIDDEN = 0.2  # of the points; right poses have up to 0.15 in clouds of few points, a third of it in large ones
-LEAST_LEAD = 0.1  # in score over any other pose
+LEAST_LEAD = 0.15  # in score over any other pose; the mirror image of a wall that is nearly alone comes close
 FAR_BETTER = 0.15  # in score: with this lead, another field of view casts doubt on the given one
 MOST_UNSURE = (0.5, 5.0)  # [m, deg] standard deviation of a coordinate, beyond which it is no estimate
 
