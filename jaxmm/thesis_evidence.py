@@ -11,6 +11,8 @@ from jaxmm.inputs import InputError
 from jaxmm.thesis import ThesisScan
 from jaxmm.viewpoint import Viewpoint, estimate
 
+FIELD_OF_VIEW = (80.0, 60.0)  # [deg] what the released scans fill, though the thesis says 80 x 55
+
 
 def viewpoint_of(scan: ThesisScan) -> Viewpoint:
     """Where both scans of a pair were taken from: of the two estimates the one that is surer.
@@ -21,7 +23,7 @@ def viewpoint_of(scan: ThesisScan) -> Viewpoint:
     found, failed = [], []
     for points in (scan.points, scan.other):
         try:
-            found.append(estimate(points))
+            found.append(estimate(points, *FIELD_OF_VIEW))
         except InputError as error:
             failed.append(error)
     if not found:
