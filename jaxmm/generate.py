@@ -21,7 +21,7 @@ from jaxmm.files import write_atomically, write_text
 from jaxmm.inputs import InputError
 from jaxmm.shards import Entry, Manifest
 
-PAIRS_PER_SHARD = 64
+PAIRS_PER_SHARD = 256  # enough that rooms of one kind are many, and drawn together
 RAW_SHARD_BYTES = 64e6  # raw scans are large: fewer pairs a shard bound the memory of a worker
 POINT_BYTES, RAW_RAY_BYTES = 23 + 4 * len(FEATURES), 18  # of one point of a cloud, and of one ray of both raw scans
 SAMPLE = 64  # pairs that tell how large a pair is

@@ -21,7 +21,7 @@ MULTI_SCENARIOS = tuple(name for name in PARTS if name not in (*SCENARIOS, "unch
 CONDITIONS = ("clean", "occluded")
 
 _ATTEMPT_LIMIT = 2000
-_AHEAD = 8  # attempts at once, at most
+_AT_ONCE = 32  # attempts, of all rooms that wait together
 _GRID = (320, 200)  # columns and rows
 _COARSE = 4  # the preview casts every 4th column and row of the grid that counts
 
@@ -140,7 +140,7 @@ def make_scenes(config: SceneConfig, seed: int, index: np.ndarray, threads: int 
         if attempt and attempt % config.attempts_per_layout == 0:
             layout, size = _layout(config, seed, index[pending], attempt // config.attempts_per_layout)
         # Few rooms try several times at once, within their layout: each keeps the first attempt that succeeds.
-        ahead = min(_AHEAD, max(1, len(index) // (2 * len(pending))))
+        ahead = max(1, _AT_ONCE // len(pending))
         ahead = min(ahead, config.attempts_per_layout - attempt % config.attempts_per_layout, _ATTEMPT_LIMIT - attempt)
         room = np.repeat(np.arange(len(pending)), ahead)
         tried = (seed, index[pending[room]], attempt + np.tile(np.arange(ahead), len(pending)))
