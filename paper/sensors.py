@@ -43,7 +43,7 @@ TITLES = {
     "oak-d-pro-small": "the same field of view, 320 x 200",
     "velodyne-16": "spinning, 16 channels over 30°",
     "ouster-64": "spinning, 64 channels over 45°",
-    "tls": "terrestrial, all but the tripod's cone",
+    "tls": "terrestrial, all round",
 }
 CLOSE_UPS = ("oak-d-pro-small", "velodyne-16", "tls")
 

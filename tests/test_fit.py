@@ -1,5 +1,6 @@
 """Training to the end: it resumes to the bit, and each model stops and keeps its best weights on its own."""
 
+import dataclasses
 import itertools
 import os
 import signal
@@ -22,7 +23,7 @@ CONFIG = Config(
     network=NetworkConfig((4, 8), (4,), 0.1),
     train=TrainConfig(
         methods=("nn",), step_count=13, batch_size=2, points_per_cloud=24, learning_rate=0.01, validate_every=3,
-        patience=3,
+        patience=5,
     ),
 )  # fmt: skip
 
@@ -179,6 +180,8 @@ def test_training_ends_when_the_last_model_stops(tmp_path, monkeypatch):
         return Validation(*[jnp.full(2, next(losses))] * 3)
 
     monkeypatch.setattr("jaxmm.fit.validate_all", worse)
+    three = dataclasses.replace(CONFIG, train=dataclasses.replace(CONFIG.train, patience=3))
+    monkeypatch.setitem(globals(), "CONFIG", three)
     _, records, _ = run(tmp_path)
     assert [record["step"] for record in records] == [3, 6, 9, 12]
     assert run(tmp_path)[1] == records  # and stays stopped

@@ -113,8 +113,13 @@ def test_both_released_scans_of_a_pair_have_one_viewpoint(data_root):
 
 
 def test_a_wrong_field_of_view_is_noticed():
-    points, _ = scans("thesis")[0]
-    refused(lambda: estimate(points, 80.0, 45.0), "80 x 45 degrees", "others fit far better")
+    """Every cloud is refused; where the edges tell enough, the reason names what fits better."""
+    reasons = []
+    for points, _ in scans("thesis"):
+        with pytest.raises(InputError, match="80 x 45 degrees") as caught:
+            estimate(points, 80.0, 45.0)
+        reasons.append(str(caught.value))
+    assert any("others fit far better" in reason for reason in reasons), reasons
 
 
 def test_moving_and_turning_a_cloud_moves_and_turns_its_viewpoint():

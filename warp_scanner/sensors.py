@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_scanner import sensor_files
+from warp_scanner import scenes, sensor_files
 from warp_scanner.imperfections import Imperfections
 from warp_scanner.poses import Pose as Pose
 from warp_scanner.poses import Standing as Standing
@@ -198,10 +198,9 @@ OAK_D_PRO_SMALL = dataclasses.replace(OAK_D_PRO, width=320, height=200)
 VELODYNE_16 = Spinning(1800, 16, (-15.0, 15.0), range_limits=(0.5, 100.0))
 # Ouster OS1-64 of 45 degrees, 1024 columns, 0.3 to 120 m on a surface of 80 % (OS1 data sheet, second generation).
 OUSTER_64 = Spinning(1024, 64, (-22.5, 22.5), range_limits=(0.3, 120.0))
-# A terrestrial scanner as the Faro Focus S70: all round, and over the top from 60 degrees below the horizon on one side
-# to the same on the other (300 degrees; below is the tripod), 0.6 to 70 m. Here one ray every 0.2 degrees, 1.35
-# million; such scanners go down to some 0.01.
-TLS = Spinning(1800, 750, (-59.9, 89.9), range_limits=(0.6, 70.0))
+# A terrestrial scanner, all round and over the top, 0.6 to 70 m as the Faro Focus S70. Here one ray every 0.2 degrees,
+# 1.62 million; such scanners go down to some 0.01.
+TLS = Spinning(1800, 900, (-89.9, 89.9), range_limits=(0.6, 70.0))
 
 # How the devices err. Numbers of makers where they give them; chances of dropouts and mixtures are our estimates.
 _REAL = {
@@ -229,7 +228,14 @@ PRESETS: dict[str, Sensor] = {
     "ouster-64": OUSTER_64,
     "tls": TLS,
 }
-PRESETS |= {f"{name}-real": dataclasses.replace(PRESETS[name], imperfections=errors) for name, errors in _REAL.items()}
+# A real one does not look into its tripod: 300 degrees, from 60 below the horizon on one side to the same on the other.
+_MOUNTED = PRESETS | {"tls": dataclasses.replace(TLS, channels=750, elevation_range=(-59.9, 89.9))}
+# Most of the light goes through glass; how much comes back as a return is our estimate.
+_GLASS = ((scenes.WINDOW, 0.6),)
+PRESETS |= {
+    f"{name}-real": dataclasses.replace(_MOUNTED[name], imperfections=dataclasses.replace(errors, class_dropout=_GLASS))
+    for name, errors in _REAL.items()
+}
 
 
 def sensor_named(name: str | Path) -> Sensor:
