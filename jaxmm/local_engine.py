@@ -9,6 +9,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
@@ -59,6 +60,8 @@ def _start(function: Callable[..., Any]) -> tuple[Connection, multiprocessing.Pr
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(theirs, function), daemon=True)
+    # The tracker that multiprocessing starts beside the first child unblocks signals when it is up.
+    resource_tracker.ensure_running()
     # Ctrl-C reaches every process of the terminal; a child inherits the mask and leaves it to the parent.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
