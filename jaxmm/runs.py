@@ -24,6 +24,7 @@ from flax.traverse_util import flatten_dict, unflatten_dict
 from jaxmm.config import TRAINED_METHODS, Config, load, parse
 from jaxmm.files import load_json, write_atomically, write_json, write_text
 from jaxmm.inputs import InputError
+from jaxmm.shards import MANIFEST
 from jaxmm.train import Model, init_all
 
 CONFIG, VERSIONS, METRICS, MODELS = "config.toml", "versions.json", "metrics.jsonl", "models.safetensors"
@@ -94,8 +95,8 @@ def open_run(folder: Path, config: Config, *, threads_matter: bool = True) -> It
 
 def _forget_unbegun(folder: Path) -> None:
     """Take the settings out of a folder that holds no work yet."""
-    if {path.name for path in folder.iterdir()} <= {".lock", CONFIG, VERSIONS, "manifest.json"}:
-        for name in (CONFIG, VERSIONS, "manifest.json"):
+    if {path.name for path in folder.iterdir()} <= {".lock", CONFIG, VERSIONS, MANIFEST}:
+        for name in (CONFIG, VERSIONS, MANIFEST):
             (folder / name).unlink(missing_ok=True)
 
 

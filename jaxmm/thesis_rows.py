@@ -1,6 +1,7 @@
 """`jaxmm thesis`: every test pair of the thesis's repository under one method, as rows of JSON."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from jaxmm.inputs import InputError
 from jaxmm.network import from_torch
 from jaxmm.rule import RULE, rule_scores
 from jaxmm.runs import load_models, versions
-from jaxmm.thesis import Scorer, ThesisScan, find_pairs, find_weights, nn_raw, score_pair
+from jaxmm.thesis import Scorer, find_pairs, find_weights, nn_raw, score_pair
 from jaxmm.thesis_evidence import evidence_features, viewpoint_of
 from jaxmm.torch_weights import read_state_dict
 from jaxmm.train import Model
@@ -43,13 +44,15 @@ def score_repository(root: Path, method: str, weights: Path | None, model: Path 
         raise InputError(f"--model: {wish}, with --method {method}")
     check_writable(out, "--out")
     pairs = find_pairs(root)
-    scorers = _scorers(method, weights or root, model, {pair.scenario for pair in pairs})
+    scenarios = {pair.scenario for pair in pairs}
+    scorers = _scorers(method, weights or root, model, scenarios)
+    gathers = method in (RULE, EVIDENCE)
+    blind = _scorers(method, weights or root, model, scenarios, elements=False) if gathers else {}
     rows = []
     for pair in pairs:
         rows.append(score_pair(pair, scorers[pair.scenario], _box_finder(pair.scenario, method)))
-        if method in (RULE, EVIDENCE):
-            blind = _scorers(method, weights or root, model, {pair.scenario}, elements=False)[pair.scenario]
-            rows[-1]["without_elements"] = score_pair(pair, blind)["by_element"]
+        if gathers:
+            rows[-1]["without_elements"] = score_pair(pair, blind[pair.scenario])["by_element"]
         print(_line(rows[-1]))
     write_json(out, {"rows": rows, "meta": {"method": method, "versions": versions()}})
 
@@ -59,7 +62,8 @@ def _scorers(
 ) -> dict[str, Scorer]:
     """Scenario -> scorer; `elements` says whether evidence may know those of the prior."""
     if method == RULE:
-        return {name: _by_rule(name, elements=elements) for name in scenarios}
+        judges = {name: partial(rule_scores, removed=name.endswith("removed")) for name in scenarios}
+        return {name: _by_evidence(name, judge, elements=elements) for name, judge in judges.items()}
     if method == CONTROL:
         return dict.fromkeys(scenarios, nn_raw)
     if method == RELEASED:
@@ -71,8 +75,10 @@ def _scorers(
     if method not in models:
         raise InputError(f"{model}: expected models of method {method}, found {', '.join(models)}")
     if method == EVIDENCE:
-        picked = {name: pick_model(models[method], name) for name in SCENARIOS}
-        return {name: _by_evidence(picked[name], name, config.network, elements=elements) for name in SCENARIOS}
+        judges = {
+            name: partial(predict, pick_model(models[method], name), network=config.network) for name in SCENARIOS
+        }
+        return {name: _by_evidence(name, judge, elements=elements) for name, judge in judges.items()}
     return {name: _network(pick_model(models[method], name), method, config.network) for name in SCENARIOS}
 
 
@@ -92,19 +98,9 @@ def _network(model: Model, method: str, network: NetworkConfig) -> Scorer:
     return lambda scan: predict(model, features_of(method, scan.points, scan.distance), network)
 
 
-def _by_rule(scenario: str, *, elements: bool) -> Scorer:
-    def score(scan: ThesisScan) -> np.ndarray:
-        features = evidence_features(scan, scenario, viewpoint_of(scan), elements=elements)
-        return rule_scores(features, removed=scenario.endswith("removed"))
-
-    return score
-
-
-def _by_evidence(model: Model, scenario: str, network: NetworkConfig, *, elements: bool) -> Scorer:
-    def score(scan: ThesisScan) -> np.ndarray:
-        return predict(model, evidence_features(scan, scenario, viewpoint_of(scan), elements=elements), network)
-
-    return score
+def _by_evidence(scenario: str, judge: Callable[[np.ndarray], np.ndarray], *, elements: bool) -> Scorer:
+    """Gathers evidence (N, F) of a scan and has it judged."""
+    return lambda scan: judge(evidence_features(scan, scenario, viewpoint_of(scan), elements=elements))
 
 
 def _box_finder(scenario: str, method: str) -> Callable[[np.ndarray, np.ndarray], list[dict]]:
