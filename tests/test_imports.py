@@ -14,7 +14,7 @@ FORBIDDEN["jaxmm"] = SIMULATOR | {"benchmarks", "paper"} | PEERS
 # The only files of jaxmm that know the scanner.
 JOINTS = {
     f"jaxmm/{name}.py": SIMULATOR
-    for name in ("pipeline", "gathering", "sides", "sighting", "cloud_sighting", "simulator", "cli")
+    for name in ("pipeline", "localisation", "gathering", "sides", "sighting", "cloud_sighting", "simulator", "cli")
 }
 
 

@@ -5,14 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 
+from jaxmm.localisation import localised
 from warp_scanner.pairs import PRESETS, PairConfig, make_pairs
 from warp_scanner.pinhole import cast_image
 from warp_scanner.scenarios import make_scenes
+from warp_scanner.sense import cast
 from warp_scanner.sensors import Pinhole
 
 INDEX = np.arange(8)
 CONFIG = PairConfig(seed=3, scenario="all_four", condition="occluded", sensor=Pinhole(160, 100))
 ERRING = dataclasses.replace(CONFIG, position_error=0.05, angle_error=1.0)
+LOST = dataclasses.replace(PRESETS["varied"], sensor=Pinhole(160, 100), position_error=0.05, angle_error=1.0, seed=6)
 
 
 @pytest.fixture(scope="module")
@@ -84,3 +87,41 @@ def test_the_varied_preset_makes_pairs_of_any_size():
 def test_rejects_impossible_errors(settings):
     with pytest.raises(ValueError, match=next(iter(settings)).removesuffix("_spread")):
         PairConfig(**settings)
+
+
+def test_registration_takes_the_robot_to_where_it_stands():
+    """What fits is where the robot believes to be, and the truth about every ray is told from there."""
+    config = dataclasses.replace(
+        PRESETS["varied"],
+        scenario="wall_removed",
+        sensor=Pinhole(160, 100),
+        position_error=0.05,
+        angle_error=1.0,
+        seed=6,
+    )
+    before, after = make_pairs(config, np.arange(12)), make_pairs(config, np.arange(12), localise=localised)
+    apart = [np.linalg.norm(pairs.pose.position - pairs.true_pose.position, axis=1) for pairs in (before, after)]
+    turned = [np.abs(pairs.pose.yaw - pairs.true_pose.yaw) for pairs in (before, after)]
+    assert np.median(apart[1]) < 0.2 * np.median(apart[0]) and np.median(turned[1]) < 0.2 * np.median(turned[0])
+    np.testing.assert_array_equal(before.robot.distance, after.robot.distance)
+    np.testing.assert_array_equal(before.true_pose.position, after.true_pose.position)
+    again = cast(after.prior, None, config.sensor, after.pose)
+    there = np.isfinite(after.dt.distance)
+    np.testing.assert_array_equal(again.distance[there], after.dt.distance[there])
+    # Judged from the true place, what is testable hardly depends on where the robot believes to be.
+    share = [pairs.testable_dt.mean() for pairs in (before, after)]
+    assert abs(share[0] - share[1]) < 0.02
+
+
+def test_registration_is_a_function_of_each_room():
+    config = dataclasses.replace(
+        PRESETS["varied"],
+        scenario="pillar_added",
+        sensor=Pinhole(160, 100),
+        position_error=0.05,
+        angle_error=1.0,
+        seed=6,
+    )
+    alone, among = (make_pairs(config, np.arange(*span), localise=localised) for span in ((3, 4), (0, 8)))
+    np.testing.assert_array_equal(alone.pose.position[0], among.pose.position[3])
+    np.testing.assert_array_equal(alone.testable_robot[0], among.testable_robot[3])

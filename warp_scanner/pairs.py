@@ -5,6 +5,7 @@ R rooms, P pixels. World frame: metres, z up.
 
 import dataclasses
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -104,6 +105,10 @@ PRESETS = {
 }
 
 
+# Poses of R sensors, their P directions, ranges (R, P) [m] of both scans, inf = none: DT, robot -> better poses.
+Localise = Callable[[Pose, np.ndarray, np.ndarray, np.ndarray], Pose]
+
+
 class Pairs(NamedTuple):
     """A DT scan and a robot scan of each of R rooms with the truth about every ray; M changed objects, with gaps.
 
@@ -129,13 +134,16 @@ class Pairs(NamedTuple):
     prior: Primitives  # (R, K) what the building model holds
 
 
-def make_pairs(config: PairConfig, index: np.ndarray, threads: int | None = None) -> Pairs:
+def make_pairs(
+    config: PairConfig, index: np.ndarray, threads: int | None = None, localise: Localise | None = None
+) -> Pairs:
     """Pairs of the given room numbers; a pure function of (config, index) for every single room.
 
     Args:
         config: what to make.
         index: (R,) room numbers, at least 0.
         threads: how many to use; by default as many as the machine has cores.
+        localise: where the robot believes to be once it has compared both scans; the prior is then scanned from there.
 
     Raises:
         ValueError: index is not (R,) or holds a negative number.
@@ -150,26 +158,31 @@ def make_pairs(config: PairConfig, index: np.ndarray, threads: int | None = None
     with ThreadPoolExecutor(threads) as pool:
         # Rooms are shared out first; only a lone part leaves threads for its rays.
         inner = threads if len(starts) == 1 else 1
-        parts = list(pool.map(lambda start: _make_pairs(config, index[start : start + size], inner), starts))
+        parts = list(pool.map(lambda start: _make_pairs(config, index[start : start + size], inner, localise), starts))
     return joined([part for few in parts for part in few])
 
 
-def _make_pairs(config: PairConfig, index: np.ndarray, threads: int) -> list[Pairs]:
+def _make_pairs(config: PairConfig, index: np.ndarray, threads: int, localise: Localise | None) -> list[Pairs]:
     scenes = make_scenes(config.scene, config.seed, index, threads)
     directions = config.sensor.directions()
     at_once = max(1, _RAYS_AT_ONCE // len(directions))
     parts = [slice(start, start + at_once) for start in range(0, max(len(index), 1), at_once)]
-    return [_scanned(config, rows_of(scenes, part), (index[part], directions), threads) for part in parts]
+    return [_scanned(config, rows_of(scenes, part), (index[part], directions, localise), threads) for part in parts]
 
 
-def _scanned(config: PairConfig, scenes: Scenes, which: tuple[np.ndarray, np.ndarray], threads: int) -> Pairs:
-    """Both scans of some scenes, given their room numbers and the sensor's directions."""
-    index, directions = which
+def _scanned(config: PairConfig, scenes: Scenes, which: tuple, threads: int) -> Pairs:
+    """Both scans of some scenes, given their room numbers, the sensor's directions, and how the robot is localised."""
+    index, directions, localise = which
     true_pose = _true_pose(config, scenes.pose, index)
     prior, reality = (scenes.primitives, scenes.in_prior), (scenes.primitives, scenes.in_real)
     endless = cast(*prior, config.sensor, scenes.pose, threads)
     dt = within_reach(endless, config.sensor)
     robot = within_reach(cast(*reality, config.sensor, true_pose, threads), config.sensor)
+    noisy = _erring(config, robot, (reality, true_pose), index, threads)
+    if localise is not None:
+        scenes = scenes._replace(pose=localise(scenes.pose, directions, dt.distance, noisy.distance))
+        endless = cast(*prior, config.sensor, scenes.pose, threads)
+        dt = within_reach(endless, config.sensor)
     changed_dt = _hits(scenes, dt, -1)
     changed_robot = _hits(scenes, robot, 1)
 
@@ -182,7 +195,6 @@ def _scanned(config: PairConfig, scenes: Scenes, which: tuple[np.ndarray, np.nda
         expected, _ = cast_which(*prior, config.sensor, true_pose, threads)
     testable = ((reach + margin < beyond) & (beyond < np.inf), robot.distance + margin < expected)
     fraction = _observable(config, scenes, ((dt, scenes.pose), (robot, true_pose), testable), threads)
-    noisy = _erring(config, robot, (reality, true_pose), index, threads)
     return Pairs(
         scenes.pose, directions, dt, noisy, changed_dt, changed_robot, *testable, fraction, scenes.box, true_pose,
         scenes.size, scenes.primitives._replace(kind=np.where(scenes.in_prior, scenes.primitives.kind, GAP)),

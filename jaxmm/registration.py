@@ -1,0 +1,121 @@
+"""Registration: the small motion that lays a robot scan, taken from about where it is believed, upon the prior.
+
+World frame: metres, z up. N points of the scan. Motions are (4, 4) rigid transforms of the scan about the place of the
+sensor. Surfaces that changed have nothing to lie upon: they are left out by how far off they are, first roughly, then
+narrowly. What the surfaces leave open (along a corridor, or before one bare wall) stays as it was believed.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import small_gicp
+from scipy.spatial.transform import Rotation
+
+SPACING = 0.1  # [m] both clouds are thinned to it
+NEIGHBOURS = 15  # that tell the normal of a point
+# Reaches [m] within which points are matched, one after the other; which is right depends on how far off the start is.
+LADDERS = ((0.2, 0.1), (0.5, 0.2, 0.1), (1.0, 0.5, 0.2, 0.1))
+CUT = 0.1  # [m] farther off a surface, a point counts as no match
+BELIEVED = (0.1, 0.1, 0.1, 0.05, 0.05, 0.05)  # [m, rad] standard deviations of the start
+FAR = 0.01  # cost of a motion by one standard deviation, in shares of points that match
+WORTH = 0.02  # neighbouring points err alike: so many independent ones is each worth
+LEAST_SIGMA = 0.005  # [m] of a point off its surface
+
+
+class Registration(NamedTuple):
+    """What moved a scan, and how well it then fits."""
+
+    motion: np.ndarray  # (4, 4) float64: world points of the scan as believed -> as they fit the prior
+    residual: float  # [m] robust standard deviation of the distances to the prior's surface, of what matches
+    overlap: float  # share of the scan's points that match
+    overlap_before: float  # the same at the start
+
+
+def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray) -> Registration:
+    """Fit a scan to the prior (GICP: Segal et al. 2009; open directions as in Zhang et al. 2016).
+
+    Args:
+        scan: (N, 3) [m] world, as believed.
+        prior: (M, 3) [m] world, what the prior shows from there, densely.
+        sensor: (3,) [m] where the scan is believed to be taken from; motions turn about it.
+
+    Returns:
+        The motion; none where either cloud has too few points to tell.
+    """
+    centre = np.asarray(sensor, np.float64)
+    target, tree = _prepared(prior, centre)
+    source, _ = _prepared(scan, centre)
+    if min(target.size(), source.size()) < 4 * NEIGHBOURS:
+        return Registration(np.eye(4), np.nan, 0.0, 0.0)
+    points = source.points()[:, :3]
+    cloud = (points, target, tree)
+    start = _cost(cloud, np.eye(4))
+    found = [(start, np.eye(4))]
+    for ladder in LADDERS:
+        motion = np.eye(4)
+        for reach in ladder:
+            motion = small_gicp.align(
+                target, source, tree, motion, registration_type="GICP", max_correspondence_distance=reach,
+                max_iterations=30,
+            ).T_target_source  # fmt: skip
+        motion = _as_believed(cloud, motion)
+        found.append((_cost(cloud, motion), motion))
+    _, best = min(found, key=lambda item: item[0])
+    off, _, _ = _off(cloud, best)
+    before = np.mean(np.abs(_off(cloud, np.eye(4))[0]) < CUT)
+    match = np.abs(off) < CUT
+    residual = 1.4826 * float(np.median(np.abs(off[match]))) if match.any() else np.nan
+    about = _shifted(centre) @ best @ _shifted(-centre)
+    return Registration(about, residual, float(match.mean()), float(before))
+
+
+def _prepared(points: np.ndarray, centre: np.ndarray):
+    points = np.ascontiguousarray(np.asarray(points, np.float64) - centre)
+    return small_gicp.preprocess_points(points, downsampling_resolution=SPACING, num_neighbors=NEIGHBOURS)
+
+
+def _off(cloud: tuple, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every moved point: how far (N,) off the surface next to it, [m] inf where none is near; it, and the normal."""
+    points, target, tree = cloud
+    moved = points @ motion[:3, :3].T + motion[:3, 3]
+    place, square = tree.batch_nearest_neighbor_search(np.column_stack([moved, np.ones(len(moved))]))
+    place = np.asarray(place)
+    normal = target.normals()[place, :3]
+    off = np.einsum("nc,nc->n", moved - target.points()[place, :3], normal)
+    return np.where(np.asarray(square) < (2 * SPACING) ** 2, off, np.inf), moved, normal
+
+
+def _cost(cloud: tuple, motion: np.ndarray) -> float:
+    """How badly a motion fits: points that match cost from 0 to 1, others 1 wherever they are, and far motions more.
+
+    Without the latter, a wall that was removed draws what is seen behind it to its place.
+    """
+    off = np.mean(np.minimum(np.square(_off(cloud, motion)[0] / CUT), 1.0))
+    return float(off + FAR * np.sum(np.square(_step_of(motion) / BELIEVED)))
+
+
+def _as_believed(cloud: tuple, motion: np.ndarray) -> np.ndarray:
+    """The motion as far as the surfaces tell it, and none in the directions that they leave open."""
+    off, moved, normal = _off(cloud, motion)
+    match = np.abs(off) < CUT
+    if not match.any():
+        return np.eye(4)
+    sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(off[match]))))
+    slope = np.column_stack([normal[match], np.cross(moved[match], normal[match])])
+    told = slope.T @ slope * (WORTH / sigma**2)
+    believed = np.diag(1.0 / np.square(BELIEVED))
+    step = np.linalg.solve(told + believed, told @ _step_of(motion))
+    kept = np.eye(4)
+    kept[:3, :3], kept[:3, 3] = Rotation.from_rotvec(step[3:]).as_matrix(), step[:3]
+    return kept
+
+
+def _step_of(motion: np.ndarray) -> np.ndarray:
+    """Shift [m] and rotation vector [rad] (6,)."""
+    return np.concatenate([motion[:3, 3], Rotation.from_matrix(motion[:3, :3]).as_rotvec()])
+
+
+def _shifted(by: np.ndarray) -> np.ndarray:
+    motion = np.eye(4)
+    motion[:3, 3] = by
+    return motion

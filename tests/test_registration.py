@@ -1,0 +1,78 @@
+"""Registration: known motions of generated scans are found, though reality differs from the prior."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from jaxmm.registration import register
+from warp_scanner.pairs import PRESETS, make_pairs
+from warp_scanner.points import points_of
+
+SETTINGS = dataclasses.replace(
+    PRESETS["varied"], scenario="wall_removed", condition="occluded", position_error=0.05, angle_error=1.0,
+    range_noise=0.01, seed=9,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scans():
+    """Of 24 rooms: robot points as believed and as they are, and what the prior shows."""
+    pairs = make_pairs(SETTINGS, np.arange(24))
+    believed, true, prior = (
+        points_of(pose, pairs.directions, scan.distance)
+        for pose, scan in ((pairs.pose, pairs.robot), (pairs.true_pose, pairs.robot), (pairs.pose, pairs.dt))
+    )
+    there, shown = np.isfinite(pairs.robot.distance), np.isfinite(pairs.dt.distance)
+    rows = range(24)
+    return [(believed[r][there[r]], true[r][there[r]], prior[r][shown[r]], pairs.pose.position[r]) for r in rows]
+
+
+def moved(points, motion):
+    return points @ motion[:3, :3].T + motion[:3, 3]
+
+
+def test_scans_come_to_lie_where_they_were_taken(scans):
+    before, after = [], []
+    for believed, true, prior, sensor in scans:
+        found = register(believed, prior, sensor)
+        before.append(np.linalg.norm(believed - true, axis=1).mean())
+        after.append(np.linalg.norm(moved(believed, found.motion) - true, axis=1).mean())
+        assert found.overlap >= found.overlap_before - 0.05
+    assert np.median(before) > 0.08 and np.median(after) < 0.01
+    assert np.mean(np.less(after, before)) > 0.9 and np.max(after) < 0.5
+
+
+def test_a_scan_that_fits_stays(scans):
+    off = []
+    for _, true, prior, sensor in scans:
+        found = register(true, prior, sensor)
+        off.append(np.linalg.norm(moved(true, found.motion) - true, axis=1).mean())
+    assert np.median(off) < 0.005 and np.max(off) < 0.2
+
+
+def test_moving_all_moves_the_answer(scans):
+    believed, _, prior, sensor = scans[0]
+    turn, shift = Rotation.from_euler("z", 0.7).as_matrix(), np.array([4e5, -3e5, 50.0])
+    here, there = (
+        register(believed, prior, sensor),
+        register(believed @ turn.T + shift, prior @ turn.T + shift, turn @ sensor + shift),
+    )
+    np.testing.assert_allclose(
+        moved(believed @ turn.T + shift, there.motion), moved(believed, here.motion) @ turn.T + shift, atol=0.02
+    )
+
+
+def test_one_bare_wall_tells_nothing_of_the_way_along_it():
+    y, z = np.meshgrid(np.linspace(-6, 6, 200), np.linspace(-1, 1, 40))
+    wall = np.column_stack([np.full(y.size, 4.0), y.ravel(), z.ravel()])
+    found = register(wall + np.array([0.1, 0.15, 0.1]), wall, np.zeros(3))
+    np.testing.assert_allclose(found.motion[0, 3], -0.1, atol=0.01)
+    assert np.abs(found.motion[1:3, 3]).max() < 0.03
+
+
+def test_clouds_of_few_points_stay():
+    found = register(np.zeros((5, 3)), np.zeros((5, 3)), np.zeros(3))
+    np.testing.assert_array_equal(found.motion, np.eye(4))
+    assert found.overlap == 0.0 and np.isnan(found.residual)
