@@ -8,15 +8,15 @@ where the prior's surface lies along the same ray.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+
+from jaxmm.pools import links_of, pools_of
 
 FRACTIONS = ("through", "support", "blocked", "unseen")
 THROUGH, SUPPORT, BLOCKED, UNSEEN = range(4)
 FEATURES = (
     *FRACTIONS,  # of the point's own footprint
     "residual",  # measured less expected range over 2 m, cut to [-1, 1]
+    "surprise",  # the same over three of the margins within which ranges are taken for equal, cut to [-1, 1]
     "apart",  # distance to the other side's surface [m], at most 1
     "height",  # above the floor, over the height of the room
     "range",  # from the sensor, over 10 m
@@ -27,15 +27,17 @@ FEATURES = (
     "pool low", "pool high",  # lowest and highest point, as heights
     "pool floor gap", "pool ceiling gap",  # what of the visible height it leaves free below and above, over the room's
     "pool length", "pool width",  # over 5 m and over 1 m, cut to 1
+    *(f"surface {name}" for name in FRACTIONS),  # of all that hangs together with the point, explained or not
     "column low", "column high", "column ceiling gap",  # as above, of the candidates right below and above the point
 )  # fmt: skip
 
 BASE_MARGIN = 0.03  # [m] of ranges without errors
+GROWING = (0.0, 0.25, 0.5, 0.75, 1.0)  # parts of the noise that may grow with the square of the range
+EXPLAINED = 0.5  # of a point's rays must support it, or it is in need of an explanation
 SIGMAS = 3.0  # errors of ranges that the margin covers
 LEAST_COSINE = 0.15  # beyond this incidence the margin grows no further
 MOST_MARGIN = 1.0  # [m]
 COLUMN = 0.2  # [m] edge of the cells of a column
-JOINT = 0.25  # [m] candidates closer than this are one component
 AZIMUTHS = 180  # cells of the outline of the field of view
 
 
@@ -46,9 +48,17 @@ class View(NamedTuple):
     element: np.ndarray  # (N,) int: of the prior; -1 where elements are unknown
     count: np.ndarray  # (N, 4) rays
     residual: np.ndarray  # (N,) [m] measured less expected range; NaN where nothing is known
+    margin: np.ndarray  # (N,) [m] within which they are taken for equal
     apart: np.ndarray  # (N,) [m] to the surface of the other side
     cosine: np.ndarray  # (N,) of the incidence
     candidate: np.ndarray  # (N,) bool: what could be a mismatch by its own evidence
+
+
+class Noise(NamedTuple):
+    """How ranges err: the standard deviation at range r is `constant` + `growth` r^2."""
+
+    constant: float  # [m]
+    growth: float  # [1/m]
 
 
 class Frame(NamedTuple):
@@ -80,16 +90,37 @@ def frame_of(sensor: np.ndarray, directions: np.ndarray, floor: float, ceiling: 
     return Frame(np.asarray(sensor, np.float64), float(floor), float(ceiling), top, bottom)
 
 
-def noise_of(residual: np.ndarray, cosine: np.ndarray) -> float:
-    """Robust standard deviation [m] of measured less expected ranges, of rays that meet what they should.
+def noise_of(residual: np.ndarray, cosine: np.ndarray, reach: np.ndarray) -> Noise:
+    """The noise of measured less expected ranges, of rays that meet what they should.
 
-    What changed and what stands in front is cut off at half a metre, and the median does not heed the rest.
+    What changed and what stands in front is cut off at half a metre, and medians do not heed the rest. Of noises that
+    grow with the square of the range in part, not at all or wholly, it is the likeliest.
+
+    Args:
+        residual: (N,) [m], NaN or infinite where nothing is known.
+        cosine: (N,) of the incidence.
+        reach: (N,) expected ranges [m].
     """
-    near = np.isfinite(residual) & (np.abs(residual) < 0.5) & (cosine > 0.3)
-    return 1.4826 * float(np.median(np.abs(residual[near]))) if near.any() else 0.0
+    near = np.isfinite(residual) & (np.abs(residual) < 0.5) & (cosine > 0.3) & np.isfinite(reach)
+    if not near.any():
+        return Noise(0.0, 0.0)
+    off, square = np.abs(residual[near]), np.square(reach[near])
+    best = (np.inf, Noise(0.0, 0.0))
+    for part in GROWING:
+        shape = (1.0 - part) + part * square / square.mean()
+        sigma = 1.4826 * float(np.median(off / shape))
+        if sigma > 0.0:
+            surprise = float(np.mean(np.log(shape * sigma) + np.minimum(off / (shape * sigma), SIGMAS)))
+            best = min(best, (surprise, Noise(sigma * (1.0 - part), sigma * part / float(square.mean()))))
+    return best[1]
 
 
-def margins(cosine: np.ndarray, sigma: float) -> np.ndarray:
+def sigma_at(noise: Noise, reach: np.ndarray) -> np.ndarray:
+    """Standard deviation (N,) [m] of ranges of some lengths (N,) [m]; infinite ones count as none."""
+    return noise.constant + noise.growth * np.square(np.where(np.isfinite(reach), reach, 0.0))
+
+
+def margins(cosine: np.ndarray, sigma: np.ndarray | float) -> np.ndarray:
     """Ranges that differ by less are the same (N,) float32 [m].
 
     A surface that is a little off is off by more along a slanting ray.
@@ -106,38 +137,42 @@ def fractions(count: np.ndarray) -> np.ndarray:
     return share
 
 
-def components(points: np.ndarray, candidate: np.ndarray, reach: float = JOINT) -> np.ndarray:
-    """Number (N,) int of the connected component of each candidate, -1 for all other points."""
-    number = np.full(len(points), -1, np.int64)
-    chosen = np.flatnonzero(candidate)
-    if len(chosen):
-        pairs = cKDTree(points[chosen]).query_pairs(reach, output_type="ndarray")
-        graph = coo_matrix((np.ones(len(pairs), bool), tuple(pairs.T)), shape=(len(chosen),) * 2)
-        number[chosen] = connected_components(graph, directed=False)[1]
-    return number
-
-
 def features_of(view: View, frame: Frame) -> np.ndarray:
     """The network's input (N, F) float32, columns as FEATURES; 0 where a point is in no pool or column.
 
-    Pools are the prior's elements where they are known, else connected candidates.
+    Pools are the prior's elements where they are known, else surfaces of points that most of their rays do not support.
     """
     points = np.asarray(view.points, np.float64)
-    known = view.element >= 0
-    pool = np.where(known, view.element, -1)
-    found = components(points, view.candidate & ~known)
-    pool = np.where(found >= 0, found + (view.element.max(initial=-1) + 1), pool)
+    share, (surface, pool) = fractions(view.count), _groups(view)
     height = frame.ceiling - frame.floor
     own = [
-        fractions(view.count),
+        share,
         np.clip(np.nan_to_num(view.residual) / 2.0, -1.0, 1.0),
+        np.clip(np.nan_to_num(view.residual) / (3.0 * view.margin), -1.0, 1.0),
         np.clip(view.apart, 0.0, 1.0),
         (points[:, 2] - frame.floor) / height,
         np.linalg.norm(points - frame.sensor, axis=1) / 10.0,
         np.nan_to_num(view.cosine, nan=1.0),
     ]
-    columns = [*own, pool >= 0, *_of_pools(view, frame, pool), *_of_columns(view, frame)]
+    of_surface = fractions(_rays_of(view.count, surface)[surface])
+    columns = [*own, pool >= 0, *_of_pools(view, frame, pool), of_surface, *_of_columns(view, frame)]
     return np.column_stack(columns).astype(np.float32)
+
+
+def _groups(view: View) -> tuple[np.ndarray, np.ndarray]:
+    """Number (N,) of the surface and of the pool that each point is of, the latter -1 for points in none."""
+    known = view.element >= 0
+    if known.all():
+        return view.element, view.element
+    links, first = links_of(np.asarray(view.points, np.float64)), view.element.max(initial=-1) + 1
+    surface = np.where(known, view.element, pools_of(links, ~known) + first)
+    unexplained = pools_of(links, ~known & (fractions(view.count)[:, SUPPORT] < EXPLAINED))
+    return surface, np.where(known, view.element, np.where(unexplained >= 0, unexplained + first, -1))
+
+
+def _rays_of(count: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Rays (G, 4) of each group, numbered from 0."""
+    return np.column_stack([np.bincount(group, count[:, side]) for side in range(4)])
 
 
 def _of_pools(view: View, frame: Frame, pool: np.ndarray) -> list[np.ndarray]:
@@ -148,7 +183,7 @@ def _of_pools(view: View, frame: Frame, pool: np.ndarray) -> list[np.ndarray]:
     _, number = np.unique(pool[pool >= 0], return_inverse=True)
     inside = pool >= 0
     points, height = np.asarray(view.points, np.float64)[inside], frame.ceiling - frame.floor
-    rays = np.column_stack([np.bincount(number, view.count[inside, side]) for side in range(4)])
+    rays = _rays_of(view.count[inside], number)
     low, high = _extremes(number, points[:, 2])
     below, above = _visible_gaps(points, frame)
     length, width = _extents(number, points[:, :2])
@@ -183,7 +218,7 @@ def _visible_gaps(points: np.ndarray, frame: Frame) -> tuple[np.ndarray, np.ndar
     """How far each point is from the lowest and the highest place that could be seen below and above it [m]."""
     offset = points - frame.sensor
     level, cell = np.hypot(offset[:, 0], offset[:, 1]), _azimuth_cell(offset)
-    top, bottom = (np.nan_to_num(slope[cell], nan=0.0) for slope in (frame.top, frame.bottom))
+    top, bottom = (np.nan_to_num(slope[cell], nan=0.0, posinf=1e6, neginf=-1e6) for slope in (frame.top, frame.bottom))
     highest = np.minimum(frame.ceiling, frame.sensor[2] + level * top)
     lowest = np.maximum(frame.floor, frame.sensor[2] + level * bottom)
     return np.maximum(points[:, 2] - lowest, 0.0), np.maximum(highest - points[:, 2], 0.0)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN, Frame, View, frame_of, margins, noise_of
+from jaxmm.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN, Frame, Noise, View, frame_of, margins, noise_of, sigma_at
 from warp_scanner.pairs import Pairs
 from warp_scanner.points import Kept
 from warp_scanner.poses import rotation_of
@@ -28,7 +28,7 @@ class Expected(NamedTuple):
     distance: np.ndarray  # (R, P) float32 [m], inf = nothing
     cosine: np.ndarray  # (R, P) float32 of the incidence there, NaN = nothing
     margin: np.ndarray  # (R, P) float32 [m]
-    noise: np.ndarray  # (R,) [m] robust standard deviation of measured less expected ranges
+    noise: list[Noise]  # of each room, measured less expected ranges
 
 
 def expected_of(pairs: Pairs, sensor: Sensor, threads: int | None = None) -> Expected:
@@ -36,13 +36,11 @@ def expected_of(pairs: Pairs, sensor: Sensor, threads: int | None = None) -> Exp
     distance, slot = cast_which(pairs.prior, None, sensor, pairs.pose, threads)
     rays = rays_of(sensor, pairs.pose)
     cosine = np.cos(incidence_of(normals_of(pairs.prior, slot, distance, rays), rays))
-    noise = np.array(
-        [
-            noise_of(measured[::EVERY] - expected[::EVERY], facing[::EVERY])
-            for measured, expected, facing in zip(pairs.robot.distance, distance, cosine, strict=True)
-        ]
-    )
-    margin = np.stack([margins(facing, sigma) for facing, sigma in zip(cosine, noise, strict=True)])
+    thin, measured = slice(None, None, EVERY), pairs.robot.distance
+    rows = range(len(distance))
+    with np.errstate(invalid="ignore"):  # no return where none was expected
+        noise = [noise_of((measured[r] - distance[r])[thin], cosine[r, thin], distance[r, thin]) for r in rows]
+    margin = np.stack([margins(cosine[r], sigma_at(noise[r], distance[r])) for r in rows])
     return Expected(distance, cosine, margin, noise)
 
 
@@ -79,8 +77,8 @@ def _prior_view(pairs: Pairs, expected: Expected, row: int, seen: tuple[Kept, np
     (points, pixel), apart = seen
     through, support, blocked, _ = looks.count.T
     candidate = (through > support) & (through > blocked)
-    element, cosine = pairs.dt.element[row, pixel], expected.cosine[row, pixel]
-    return View(points, element, looks.count, looks.residual, apart, cosine, candidate)
+    element, cosine, margin = pairs.dt.element[row, pixel], expected.cosine[row, pixel], expected.margin[row, pixel]
+    return View(points, element, looks.count, looks.residual, margin, apart, cosine, candidate)
 
 
 def robot_views(pairs: Pairs, expected: Expected, seen: list[Kept], threads: int | None = None) -> list[View]:
@@ -97,10 +95,11 @@ def _robot_view(pairs: Pairs, expected: Expected, row: int, kept: Kept, apart: n
     nothing = np.isinf(reach)
     side = np.where(residual > margin, THROUGH, np.where(residual < -margin, BLOCKED, SUPPORT))
     count[np.arange(len(pixel)), np.where(nothing, UNSEEN, side)] = 1
-    candidate = (nothing | (side == BLOCKED)) & (apart > margins(np.ones(1), expected.noise[row]))
+    own = margins(np.ones(len(pixel)), sigma_at(expected.noise[row], pairs.robot.distance[row, pixel]))
+    candidate = (nothing | (side == BLOCKED)) & (apart > own)
     nobody = np.full(len(pixel), -1)
     residual = np.where(nothing, np.nan, residual)
-    return View(points, nobody, count, residual, apart, expected.cosine[row, pixel], candidate)
+    return View(points, nobody, count, residual, margin, apart, expected.cosine[row, pixel], candidate)
 
 
 def frames_of(pairs: Pairs, sensor: Sensor) -> list[Frame]:

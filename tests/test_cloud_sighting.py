@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxmm.cloud_sighting import CloudPair, frame_of_pair, normals_of, prior_view, robot_view, side_of
+from jaxmm.cloud_sighting import CloudPair, frame_of_pair, prior_view, robot_view, side_of
 from jaxmm.config import Config, Table
 from jaxmm.evidence import BLOCKED, FEATURES, SUPPORT, THROUGH, UNSEEN, fractions
 from jaxmm.gathering import KINDS, gather
@@ -23,17 +23,6 @@ def wall(x, low=-2.0, high=2.0):
     """A wall across the view at distance x, sampled every 0.1 m."""
     y, z = np.meshgrid(np.arange(low, high, 0.1), np.arange(-1.0, 1.0, 0.1))
     return np.column_stack([np.full(y.size, x), y.ravel(), z.ravel()])
-
-
-def test_normals_are_those_of_planes():
-    rng = np.random.default_rng(1)
-    for _ in range(50):
-        normal = rng.standard_normal(3)
-        normal /= np.linalg.norm(normal)
-        flat = rng.uniform(-3, 3, (200, 3))
-        flat -= np.outer(flat @ normal, normal)
-        np.testing.assert_allclose(np.abs(normals_of(flat + rng.standard_normal(3)) @ normal), 1.0, atol=1e-6)
-    assert normals_of(np.ones((1, 3))).shape == (1, 3)
 
 
 @pytest.mark.parametrize(

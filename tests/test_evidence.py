@@ -16,12 +16,12 @@ from jaxmm.evidence import (
     UNSEEN,
     Frame,
     View,
-    components,
     features_of,
     fractions,
     frame_of,
     margins,
     noise_of,
+    sigma_at,
 )
 from jaxmm.pipeline import clouds
 from jaxmm.sides import sides_of
@@ -39,7 +39,7 @@ def view(points, count=None, element=None, candidate=None):
         np.asarray(points, float),
         np.full(number, -1) if element is None else np.asarray(element),
         np.tile([0, 1, 0, 0], (number, 1)) if count is None else np.asarray(count),
-        np.zeros(number), np.zeros(number), np.ones(number),
+        np.zeros(number), np.full(number, 0.03), np.zeros(number), np.ones(number),
         np.zeros(number, bool) if candidate is None else np.asarray(candidate),
     )  # fmt: skip
 
@@ -56,25 +56,18 @@ def test_margins_cover_the_errors_of_slanting_rays():
     assert margins(np.array([0.1]), 5.0) == 1.0
 
 
-@pytest.mark.parametrize("sigma", [0.0, 0.01, 0.1])
-def test_noise_is_told_though_much_has_changed(sigma):
+@pytest.mark.parametrize("constant, growth", [(0.0, 0.0), (0.01, 0.0), (0.1, 0.0), (0.0, 0.004), (0.02, 0.001)])
+def test_noise_is_told_though_much_has_changed(constant, growth):
     rng = np.random.default_rng(1)
-    residual = sigma * rng.standard_normal(20_000)
+    reach = rng.uniform(1.0, 8.0, 40_000)
+    sigma = constant + growth * reach**2
+    residual = sigma * rng.standard_normal(40_000)
     residual[:4000] = rng.uniform(0.6, 4.0, 4000)  # what was removed
     residual[4000:6000] = np.nan
-    assert noise_of(residual, np.ones(20_000)) == pytest.approx(sigma, rel=0.05)
-    assert noise_of(np.full(4, np.inf), np.ones(4)) == 0.0
-
-
-def test_components_join_what_is_near_and_nothing_else():
-    line = np.column_stack([np.arange(10) * 0.2, np.zeros(10), np.zeros(10)])
-    points = np.concatenate([line, np.add(line, (5.0, 0, 0)), np.add(line, (0, 0.3, 0))])
-    candidate = np.ones(30, bool)
-    candidate[25] = False
-    number = components(points, candidate)
-    assert number[25] == -1 and len(set(number[:10])) == len(set(number[10:20])) == 1
-    assert len({number[0], number[10], number[20], number[29]}) == 4  # the gap splits the third line
-    assert np.all(components(points, np.zeros(30, bool)) == -1)
+    found = sigma_at(noise_of(residual, np.ones(40_000), reach), np.array([2.0, 4.0, 7.0]))
+    expected = constant + growth * np.array([2.0, 4.0, 7.0]) ** 2
+    np.testing.assert_allclose(found, expected, rtol=0.25)  # five shapes of noise to choose from
+    assert noise_of(np.full(4, np.inf), np.ones(4), np.ones(4)) == (0.0, 0.0)
 
 
 def test_elements_pool_the_rays_of_their_points():
@@ -92,20 +85,40 @@ def test_elements_pool_the_rays_of_their_points():
     np.testing.assert_allclose(found[2, COLUMN["unseen"]], 1)
 
 
-def test_connected_candidates_are_pools_where_elements_are_unknown():
+def test_surfaces_without_support_are_pools_where_elements_are_unknown():
     z = np.arange(-1.5, 1.51, 0.1)
-    pillar = np.column_stack([np.full(len(z), 3.0), np.zeros(len(z)), z])
-    table = np.array([[1.0, 1.0, -0.8], [1.1, 1.0, -0.8], [1.2, 1.0, -0.8]])
-    wall = np.array([[5.0, 0.0, 0.0], [5.0, 0.1, 0.0]])
+    pillar = np.array([(3.0, y, height) for y in (0.0, 0.1, 0.2) for height in z])
+    table = np.array([(1.0 + 0.1 * i, 1.0 + 0.1 * j, -0.8) for i in range(4) for j in range(4)])
+    wall = np.array([(5.0, 0.1 * i, 0.1 * j) for i in range(4) for j in range(4)])
     points = np.concatenate([pillar, table, wall])
-    candidate = np.arange(len(points)) < len(points) - 2
-    found = features_of(view(points, candidate=candidate), OPEN)
-    first = slice(0, len(z))
+    candidate = np.arange(len(points)) < len(points) - len(wall)
+    count = np.where(candidate[:, None], [0, 0, 1, 0], [0, 1, 0, 0])
+    found = features_of(view(points, count, candidate=candidate), OPEN)
+    first, second = slice(0, len(pillar)), len(pillar)
     np.testing.assert_allclose(found[first, [COLUMN["pool high"]]], 1, atol=1e-6)
     np.testing.assert_allclose(found[first, COLUMN["column ceiling gap"]], 0, atol=1e-6)
-    np.testing.assert_allclose(found[len(z), COLUMN["pool ceiling gap"]], 2.3 / 3, rtol=1e-5)
-    np.testing.assert_allclose(found[len(z), COLUMN["column high"]], 0.7 / 3, rtol=1e-5)
-    assert not found[-2:, COLUMN["pooled"] :].any()
+    np.testing.assert_allclose(found[second, COLUMN["pool ceiling gap"]], 2.3 / 3, rtol=1e-5)
+    np.testing.assert_allclose(found[second, COLUMN["column high"]], 0.7 / 3, rtol=1e-5)
+    assert not found[-len(wall) :, COLUMN["pooled"] : COLUMN["surface through"]].any()
+
+
+def test_surfaces_pool_what_is_explained_too():
+    y, z = (axis.ravel() for axis in np.meshgrid(np.arange(10) * 0.1, np.arange(10) * 0.1))
+    new = np.column_stack([np.full(100, 3.0), y, z])
+    old = np.column_stack([np.full(100, 4.0), y, z])
+    count = np.concatenate([np.where(y[:, None] > 0.05, [0, 0, 1, 0], [0, 1, 0, 0]), np.tile([0, 1, 0, 0], (100, 1))])
+    found = features_of(view(np.concatenate([new, old]), count), OPEN)
+    np.testing.assert_allclose(found[:100, COLUMN["surface blocked"]], 0.9, rtol=1e-6)
+    np.testing.assert_allclose(found[100:, COLUMN["surface support"]], 1.0)
+    beside = found[:100][y < 0.05]
+    assert not beside[:, COLUMN["pooled"]].any() and len(beside) == 10
+
+
+def test_surprise_is_the_residual_in_margins():
+    told = view([[2, 0, 0.0]] * 4)._replace(
+        residual=np.array([0.06, -0.06, 3.0, np.nan]), margin=np.array([0.04, 0.02, 0.5, 0.03])
+    )
+    np.testing.assert_allclose(features_of(told, OPEN)[:, COLUMN["surprise"]], [0.5, -1, 1, 0], rtol=1e-6)
 
 
 def test_heights_are_judged_against_the_field_of_view():
@@ -116,10 +129,11 @@ def test_heights_are_judged_against_the_field_of_view():
     assert 2 * shown == pytest.approx(1.25, abs=0.01)
     z = np.linspace(-shown, shown, 30)
     near = np.column_stack([np.full(30, 1.2), np.zeros(30), z])
-    found = features_of(view(near, candidate=np.ones(30, bool)), frame)
+    seen = np.tile([0, 0, 1, 0], (30, 1))
+    found = features_of(view(near, seen, candidate=np.ones(30, bool)), frame)
     assert found[0, COLUMN["pool ceiling gap"]] < 0.01 and found[0, COLUMN["pool floor gap"]] < 0.01
     low = near[:20]
-    found = features_of(view(low, candidate=np.ones(20, bool)), frame)
+    found = features_of(view(low, seen[:20], candidate=np.ones(20, bool)), frame)
     assert found[0, COLUMN["pool ceiling gap"]] == pytest.approx((shown - z[19]) / 3, abs=0.01)
 
 
