@@ -182,18 +182,20 @@ def _generate(options: argparse.Namespace) -> None:
 
 
 def _train(options: argparse.Namespace) -> None:
-    from jaxmm import reproduce, runs, simulator
+    from jaxmm import runs, simulator
+    from jaxmm.training import train_stage
 
     settings, folder = simulator.load_config(options.config), _run_folder(options)
     if (folder / runs.CONFIG).exists() and not options.resume:
         raise InputError(f"{folder}: already holds a run; --resume goes on with it, --out chooses another folder")
     with runs.open_run(folder, settings):
-        reproduce.train_stage(settings, folder)
+        train_stage(settings, folder)
     print(f"models: {folder / runs.MODELS}")
 
 
 def _evaluate(options: argparse.Namespace) -> None:
     from jaxmm import reproduce, runs, tables
+    from jaxmm.training import train_stage
 
     settings = runs.read_config(options.run_folder)
     if not (options.run_folder / runs.MODELS).exists():
@@ -204,7 +206,7 @@ def _evaluate(options: argparse.Namespace) -> None:
         raise InputError(f"--rooms: expected at least 1 and at most {MOST_ROOMS}, got {rooms}")
     own = rooms == settings.data.test_rooms
     with runs.open_run(options.run_folder, settings):
-        models = reproduce.train_stage(settings, options.run_folder)
+        models = train_stage(settings, options.run_folder)
         folder = options.run_folder if own else options.run_folder / "evaluations" / f"{rooms}_rooms"
         scored = reproduce.evaluate_stage(settings, folder, models, rooms, rows)
         reproduce.write_results(settings, options.run_folder, folder, scored)

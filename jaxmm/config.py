@@ -19,7 +19,7 @@ MULTI_SCENARIOS = (
     "wall_moved",
 )  # fmt: skip
 SCENES = (*SCENARIOS, UNCHANGED, *MULTI_SCENARIOS)
-TRAINED_METHODS = {"nn": 1, "xyz_nn": 4, "evidence": 24}  # method -> features per point
+TRAINED_METHODS = {"nn": 1, "xyz_nn": 4, "evidence": 29}  # method -> features per point
 
 
 class ConfigError(InputError):
@@ -100,6 +100,7 @@ class PreprocessConfig:
     # as if only both filtered clouds were known, and the prior's elements; points: those neither; mixed: a half exact,
     # the rest of the two others, room by room.
     evidence: str = one_of("none", "none", "exact", "cloud", "points", "mixed")
+    registration: str = one_of("none", "none", "refine")  # of the robot scan, before the DT scan is taken from its pose
     viewpoint_error: float = bounded(0.03, 0.0, 1.0)  # [m] standard deviation of each coordinate, for cloud and points
 
 
@@ -144,16 +145,18 @@ class TrainConfig:
     batch_size: int = bounded(8, 1, 4096)  # clouds a step and model
     points_per_cloud: int = bounded(4096, 16)  # a longer cloud is thinned at random, anew at every step
     learning_rate: float = bounded(5e-5, 0.0, 1.0)
+    schedule: str = one_of("constant", "constant", "cosine")  # of the learning rate; cosine: down to 0 at the last step
     weight_decay: float = bounded(1e-4, 0.0, 1.0)
     augment: tuple[str, ...] = ("xyz_nn",)  # methods that also see the three moved copies of each cloud
     validate_every: int = bounded(100, 1)  # [steps]; a checkpoint is written at each validation
+    calibrate: tuple[str, ...] = ("evidence",)  # methods whose probabilities are made frequencies, on validation rooms
     patience: int = bounded(10, 0)  # validations without improvement after which a model stops; 0: never
     map_models: str = one_of("map", "map", "vmap")  # one after the other, or side by side, inside the one step
 
     def __post_init__(self):
         if "evidence" in self.augment:
             raise ConfigError("augment: evidence is gathered in place, and moved copies have none")
-        for name in ("methods", "augment"):
+        for name in ("methods", "augment", "calibrate"):
             if unknown := set(getattr(self, name)) - set(TRAINED_METHODS):
                 raise ConfigError(f"{name} must be some of {sorted(TRAINED_METHODS)}, got {sorted(unknown)}")
         if not self.methods or len(set(self.methods)) < len(self.methods):

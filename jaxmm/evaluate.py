@@ -8,7 +8,8 @@ import numpy as np
 from jaxmm.batches import LabelledCloud, features_of, labels_of
 from jaxmm.box_match import match_boxes
 from jaxmm.boxes import Box, BoxSettings, fit_boxes
-from jaxmm.config import SCENARIOS, Config, NetworkConfig
+from jaxmm.calibration import Reliability, reliability
+from jaxmm.config import SCENARIOS, TRAINED_METHODS, Config, NetworkConfig
 from jaxmm.metrics import point_metrics
 from jaxmm.rule import RULE, rule_scores
 from jaxmm.tables import LABEL_KINDS
@@ -71,6 +72,10 @@ def score_room(cloud: LabelledCloud, truth: RoomTruth, scenario: str, scores: di
             "boxes_true": 1,
             "metrics": {kind: point_metrics(score, *labels[kind])._asdict() for kind in LABEL_KINDS},
         }
+        if method in TRAINED_METHODS:
+            label, void = labels["true"]
+            sums = reliability(score[~void], label[~void])._asdict()
+            methods[method]["reliability"] = {name: np.round(value, 6).tolist() for name, value in sums.items()}
     return {
         "room": truth.index,
         "points": len(cloud.points),
@@ -98,6 +103,12 @@ def flat_rooms(rooms: list[dict[str, Any]], scenario: str, condition: str) -> li
         for kind in LABEL_KINDS
         for method, scored in room["methods"].items()
     ]
+
+
+def reliability_of(rooms: list[dict[str, Any]], method: str) -> Reliability:
+    """How well a method's probabilities are calibrated over all points of some rooms, true labels."""
+    sums = [room["methods"][method]["reliability"] for room in rooms]
+    return Reliability(*(np.sum([one[name] for one in sums], axis=0) for name in Reliability._fields))
 
 
 def box_as_json(box: Box, scenario: str) -> dict[str, Any]:

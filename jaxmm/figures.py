@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from jaxmm.calibration import RELIABILITY_BINS, Reliability, brier, calibration_error
 from jaxmm.files import write_atomically
 
 # Told apart with every kind of colour blindness: M. Okabe and K. Ito, "Color universal design", 2008.
@@ -157,6 +158,35 @@ def validation_curves(curves: Curves, path: Path | str, title: str = "") -> Figu
         )
         axes.set_ylim(-0.03, 1.05)
     panels[0].legend(loc="lower right")
+    return save(figure, path)
+
+
+@styled
+def reliability_curves(sums: Mapping[str, Reliability], path: Path | str, title: str = "") -> Figure:
+    """Frequency of changed points against their predicted probability, and how many points there are of each.
+
+    Args:
+        sums: by name of a curve.
+        path: file to write.
+        title: above both panels.
+    """
+    figure = Figure((9.6, 4.4), layout="constrained")
+    axes, counts = figure.subplots(1, 2)
+    axes.plot([0, 1], [0, 1], color=GREY, linestyle=":", label="perfect")
+    edges = np.linspace(0.0, 1.0, RELIABILITY_BINS + 1)
+    looks = zip((BLUE, ORANGE, GREEN, VERMILLION, BLACK), ("o", "s", "^", "D", "v"), strict=True)
+    for (name, one), (color, marker) in zip(sums.items(), looks, strict=False):
+        held = one.count > 0
+        told = f"{name}: ECE {calibration_error(one):.4f}, Brier {brier(one):.4f}"
+        places = one.expected[held] / one.count[held], one.found[held] / one.count[held]
+        axes.plot(*places, color=color, marker=marker, markersize=5, label=told)
+        counts.stairs(one.count, edges, color=color, label=name, linewidth=1.8)
+    axes.set(xlabel="predicted probability", ylabel="share of points that changed", xlim=(0, 1), ylim=(0, 1.02))
+    axes.legend(loc="upper left")
+    counts.set(xlabel="predicted probability", ylabel="points", yscale="log", xlim=(0, 1))
+    counts.legend()
+    if title:
+        figure.suptitle(title)
     return save(figure, path)
 
 

@@ -7,18 +7,16 @@ import contextlib
 import shutil
 import sys
 import time
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
-
-from tqdm import tqdm
 
 from jaxmm import card, dataset, local_engine, runs, shards, simulator
 from jaxmm.config import Config
 from jaxmm.evidence import FEATURES
 from jaxmm.files import write_atomically, write_text
 from jaxmm.inputs import InputError
+from jaxmm.progress import bar_of
 from jaxmm.shards import Entry, Manifest
 
 PAIRS_PER_SHARD = 256  # enough that rooms of one kind are many, and drawn together
@@ -129,7 +127,7 @@ def _fill(config: Config, folder: Path, manifest: Manifest, how: tuple) -> None:
     missing = (manifest.span(n) for n in range(manifest.shard_count) if n not in manifest.shards)
     done = sum(entry.stop - entry.first for entry in manifest.shards.values())
     written, cost = -float("inf"), 0.0
-    with _bar(manifest.count, done) as bar:
+    with bar_of("generate pairs", manifest.count, "pair", done) as bar:
         try:
             for span, content in results(make, missing, workers):
                 number = span[0] // manifest.pairs_per_shard
@@ -178,11 +176,3 @@ def _check_space(config: Config, folder: Path, request: Request) -> None:
     if need > free:
         sizes = f"about {need / 1e9:.3g} GB, and {existing} has {free / 1e9:.3g} GB free"
         raise InputError(f"--count: {request.count} pairs need {sizes}")
-
-
-def _bar(total: int, done: int) -> Iterator:
-    """A progress bar with the time that remains; a line instead where standard error is no terminal."""
-    label = "generate pairs"
-    if not sys.stderr.isatty():
-        print(label, file=sys.stderr)
-    return tqdm(total=total, initial=done, desc=label, unit="pair", disable=None, dynamic_ncols=True, file=sys.stderr)

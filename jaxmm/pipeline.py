@@ -13,6 +13,7 @@ from jaxmm.files import REMEDY, load_arrays, write_arrays
 from jaxmm.gathering import gather
 from jaxmm.inputs import InputError
 from jaxmm.labels import filter_labels, heuristic_labels
+from jaxmm.localisation import localised
 from jaxmm.sides import Sides, sides_of
 from jaxmm.simulator import CloudSource, pair_config, ray_count, scene_of
 from warp_scanner.neighbours import nearest
@@ -46,8 +47,9 @@ def pairs_of(config: Config, source: CloudSource, index: np.ndarray, threads: in
     Raises:
         InputError: the settings leave no space for such a scene.
     """
+    localise = localised if config.preprocess.registration == "refine" else None
     try:
-        return make_pairs(pair_config(config, source), index, threads)
+        return make_pairs(pair_config(config, source), index, threads, localise)
     except RuntimeError as error:
         raise InputError(f"scan and room settings: {error}") from error
 

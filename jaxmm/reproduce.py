@@ -1,24 +1,24 @@
 """The main job in stages, each of which picks up where a killed run left off: data, training, evaluation, tables."""
 
-import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
-from jaxmm import evaluate, figures, loading, pipeline, room_figures, runs, tables
-from jaxmm.batches import LabelledCloud, Sampler, labels_of, validation_batch
+from jaxmm import evaluate, figures, pipeline, room_figures, runs, tables
+from jaxmm.batches import labels_of
 from jaxmm.boxes import Box, sentence
-from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED, Config
+from jaxmm.calibration import Reliability, brier, calibration_error
+from jaxmm.config import CONDITIONS, SCENARIOS, Config
 from jaxmm.files import REMEDY, load_arrays, load_json, write_arrays, write_json
-from jaxmm.fit import Record, fit
 from jaxmm.inputs import InputError
-from jaxmm.simulator import MULTI, CloudSource
+from jaxmm.progress import progress
+from jaxmm.simulator import CloudSource
 from jaxmm.train import Model
+from jaxmm.training import train_stage
 
-SENTENCES = "sentences.json"
+SENTENCES, RELIABILITY = "sentences.json", "reliability.json"
 TOLD = ("labels", "step_count", "batch_size", "points_per_cloud", "learning_rate")  # of the training, in the table
 EVERY_ROW = tuple((scenario, condition) for scenario in SCENARIOS for condition in CONDITIONS)
 Scores = dict[tuple[str, str], list[dict[str, Any]]]  # (scenario, condition) -> evaluate.score_room of each room
@@ -32,69 +32,6 @@ def reproduce(config: Config, folder: Path) -> None:
         write_results(config, folder, folder, rooms)
         figure_stage(config, folder)
     _print_results(folder)
-
-
-def train_stage(config: Config, folder: Path) -> dict[str, Model]:
-    """Train all methods, or take them from the run folder when they are there."""
-    if (folder / runs.MODELS).exists():
-        models, trained = runs.load_models(folder)
-        if trained != config:
-            raise InputError(f"{folder / runs.MODELS}: trained with other settings than {runs.CONFIG} says; {REMEDY}")
-        return models
-    if config.data.source == "shards":
-        training = loading.shard_clouds(config, Path(config.data.shards), folder / "data" / "shards.json")
-    else:
-        training = [_training_clouds(config, folder, scenario, "train") for scenario in SCENARIOS]
-    validation = [_training_clouds(config, folder, scenario, "validation") for scenario in SCENARIOS]
-    models, records = {}, []
-    for method in config.train.methods:
-        models[method], own = _train(config, folder, (method, training, validation, records))
-        records = records + own
-    runs.write_records(folder, records)
-    runs.save_models(folder / runs.MODELS, models, config)
-    return models
-
-
-def _train(config: Config, folder: Path, what: tuple) -> tuple[Model, list[Record]]:
-    method, training, validation, earlier = what
-    settings = config.train
-    copies = 4 if method in settings.augment else 1
-    shape = (settings.batch_size, settings.points_per_cloud)
-    sampler = Sampler(training, method, settings.labels, *shape, copies, config.seed)
-    held_out = validation_batch(validation, method, settings.labels, settings.points_per_cloud)
-    with _bar(f"train {method}: four models, one step", settings.step_count, "step") as bar:
-        written = None
-
-        def report(step: int, records: list[Record]) -> None:
-            nonlocal written
-            if written is None:  # steps of an earlier process took none of this one's time
-                bar.initial, written = step, len(records)
-                bar.reset()
-            bar.update(step - bar.n)
-            if len(records) > written:
-                written = len(records)
-                runs.write_records(folder, earlier + records)
-
-        return fit(sampler, held_out, config, folder / "checkpoints" / method, report)
-
-
-def _training_clouds(config: Config, folder: Path, scenario: str, split: str) -> list[LabelledCloud]:
-    """One model's clouds: its scenario's rooms, and those with no change and with several, clean and occluded."""
-    data = config.data
-    seed, count = (
-        (data.train_seed, data.train_rooms) if split == "train" else (data.validation_seed, data.validation_rooms)
-    )
-    share = 1 if split == "train" else 4
-    others = ((UNCHANGED, data.unchanged_rooms // share), (MULTI, data.multi_rooms // share))
-    clouds = []
-    for scene, rooms in ((scenario, count), *others):
-        for condition in CONDITIONS if rooms else ():
-            source = CloudSource(scenario, scene, condition, seed)
-            kind = scenario if scene == scenario else f"{scenario}_{scene}"
-            path = folder / "data" / f"{split}_{kind}_{condition}.npz"
-            label = f"scan {split} rooms: {kind.replace('_', ' ')}, {condition}"
-            clouds += _progress(pipeline.cached_clouds(config, source, rooms, path), label, rooms)
-    return clouds
 
 
 def evaluate_stage(
@@ -142,7 +79,7 @@ def _score_rooms(
     kept = False
     made = pipeline.clouds(config, source, np.arange(count))
     label = f"score test rooms: {source.scenario.replace('_', ' ')}, {source.condition}"
-    for cloud, truth in _progress(made, label, count):
+    for cloud, truth in progress(made, label, count):
         scores = evaluate.scores_of(cloud, source.scenario, models, config.network)
         if not kept and (cloud.true & cloud.testable).sum() >= config.evaluate.least_positives:
             kept = True
@@ -168,6 +105,24 @@ def write_results(config: Config, run: Path, folder: Path, rooms: Scores) -> Non
     }
     tables.write_table(folder, rows, meta)
     write_json(folder / SENTENCES, _sentences(rooms, config.train.methods[0]))
+    write_json(folder / RELIABILITY, _reliability(config, rooms))
+
+
+def _reliability(config: Config, rooms: Scores) -> dict[str, dict[str, dict[str, Any]]]:
+    """By method and row, and over the rows of each condition: ECE, Brier score, and what they are made of."""
+    groups = {f"{scenario} {condition}": members for (scenario, condition), members in rooms.items()}
+    for condition in CONDITIONS:
+        groups[f"all {condition}"] = [room for key, members in rooms.items() if key[1] == condition for room in members]
+    return {
+        method: {
+            name: {"ece": calibration_error(sums), "brier": brier(sums)}
+            | {key: np.asarray(value).tolist() for key, value in sums._asdict().items()}
+            for name, members in groups.items()
+            if members
+            for sums in [evaluate.reliability_of(members, method)]
+        }
+        for method in config.train.methods
+    }
 
 
 def _sentences(rooms: Scores, method: str) -> list[dict[str, Any]]:
@@ -190,8 +145,13 @@ def figure_stage(config: Config, folder: Path) -> None:
         curves = figures.curves_from_records(records, method, SCENARIOS)
         figures.loss_curves(curves, folder / "figures" / f"loss_{method}.png", f"{method}: focal loss")
         figures.validation_curves(curves, folder / "figures" / f"validation_{method}.png", f"{method}: validation")
+        told = load_json(folder / RELIABILITY)[method]
+        sums = {name: Reliability(*(np.array(told[name][key]) for key in Reliability._fields)) for name in told}
+        shown = {condition: sums[f"all {condition}"] for condition in CONDITIONS if f"all {condition}" in sums}
+        target = folder / "figures" / f"reliability_{method}.png"
+        figures.reliability_curves(shown, target, f"{method}: probabilities on test rooms, true labels")
     examples = sorted((folder / "rooms").glob("*.npz"))
-    for path in _progress(examples, "draw figures", len(examples)):
+    for path in progress(examples, "draw figures", len(examples)):
         arrays = load_arrays(path)
         scored = ~arrays["void"]  # as in the table: what no method could know is not counted
         for method in config.train.methods:
@@ -219,17 +179,3 @@ def _examples(said: list[dict[str, Any]]) -> list[dict[str, Any]]:
     places = [item["scenario"] for item in said]
     order = sorted(range(len(said)), key=lambda i: (places.index(places[i]) != i, i))
     return [said[i] for i in order[:3]]
-
-
-def _progress(items: Iterable, label: str, total: int) -> Iterator:
-    with _bar(label, total, "room") as bar:
-        for item in items:
-            yield item
-            bar.update()
-
-
-def _bar(label: str, total: int, unit: str) -> tqdm:
-    """A progress bar with the time that remains; none where standard error is no terminal, but a line instead."""
-    if not sys.stderr.isatty():
-        print(label, file=sys.stderr)
-    return tqdm(total=total, desc=label, unit=unit, disable=None, dynamic_ncols=True, file=sys.stderr)

@@ -21,7 +21,8 @@ import safetensors.numpy
 import tomli_w
 from flax.traverse_util import flatten_dict, unflatten_dict
 
-from jaxmm.config import TRAINED_METHODS, Config, load, parse
+from jaxmm.calibration import KNOTS, Calibration
+from jaxmm.config import SCENARIOS, TRAINED_METHODS, Config, load, parse
 from jaxmm.files import load_json, write_atomically, write_json, write_text
 from jaxmm.inputs import InputError
 from jaxmm.shards import MANIFEST
@@ -39,6 +40,7 @@ PACKAGES = (
     "safetensors",
     "scikit-learn",
     "scipy",
+    "small-gicp",
     "warp-lang",
 )
 
@@ -189,8 +191,11 @@ def read_records(folder: Path) -> list[dict[str, Any]]:
 
 
 def save_models(path: Path, models: dict[str, Model], config: Config) -> None:
-    """Export trained models: tensors `<method>/params|batch_stats/<layer>/<name>`, S on axis 0; and the settings."""
-    nested = {method: jax.tree.map(np.asarray, model._asdict()) for method, model in models.items()}
+    """Export trained models: tensors `<method>/params|batch_stats/<layer>/<name>`, S on axis 0; and the settings.
+
+    Calibrated ones also have `<method>/calibration/logit|calibrated`.
+    """
+    nested = {method: jax.tree.map(np.asarray, _as_dict(model)) for method, model in models.items()}
     tensors = {"/".join(key): np.ascontiguousarray(value) for key, value in flatten_dict(nested).items()}
     metadata = {"config": tomli_w.dumps(as_table(config))}
     write_atomically(path, lambda temporary: temporary.write_bytes(safetensors.numpy.save(tensors, metadata)))
@@ -217,13 +222,26 @@ def load_models(path: Path) -> tuple[dict[str, Model], Config]:
         raise InputError(f"{path}: expected settings in the metadata under `config`, found {sorted(metadata)}")
     config = parse(metadata["config"], where=f"{path}: config")
     expected = {
-        method: jax.eval_shape(lambda size=size: init_all(jax.random.key(0), size, config).model._asdict())
+        method: jax.eval_shape(lambda size=size: _as_dict(init_all(jax.random.key(0), size, config).model))
         for method, size in TRAINED_METHODS.items()
         if method in config.train.methods
     }
+    for method in expected.keys() & set(config.train.calibrate):
+        knots = jax.ShapeDtypeStruct((len(SCENARIOS), KNOTS), np.float32)
+        expected[method] |= {"calibration": Calibration(knots, knots)._asdict()}
     found = {name: (value.shape, value.dtype) for name, value in tensors.items()}
     if found != {name: (leaf.shape, leaf.dtype) for name, leaf in flatten_dict(expected).items()}:
         raise InputError(f"{path}: expected the tensors of {', '.join(expected)} as its settings say, found others")
     if not all(np.isfinite(value).all() for value in tensors.values()):
         raise InputError(f"{path}: expected finite numbers, got NaN or infinity")
-    return {method: Model(**parts) for method, parts in unflatten_dict(tensors).items()}, config
+    models = {}
+    for method, parts in unflatten_dict(tensors).items():
+        knots = parts.pop("calibration", None)
+        models[method] = Model(**parts, calibration=knots and Calibration(**knots))
+    return models, config
+
+
+def _as_dict(model: Model) -> dict[str, Any]:
+    """Its parts, without a calibration that is not there."""
+    parts = {"params": model.params, "batch_stats": model.batch_stats}
+    return parts if model.calibration is None else parts | {"calibration": model.calibration._asdict()}

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import optax
 
 from jaxmm.batches import Batch
+from jaxmm.calibration import Calibration
 from jaxmm.config import Config, NetworkConfig, TrainConfig
 from jaxmm.fused import CLOUDS
 from jaxmm.losses import LossSum, focal_loss
@@ -30,6 +31,7 @@ class Model(NamedTuple):
 
     params: Any  # pytree of float arrays
     batch_stats: Any  # pytree of float arrays: running mean and variance of each normalisation
+    calibration: Calibration | None = None  # of the logits, once training is over; None: as they are
 
 
 class TrainState(NamedTuple):
@@ -49,7 +51,10 @@ class Validation(NamedTuple):
 
 def optimizer(config: TrainConfig) -> optax.GradientTransformation:
     """Adam with L2 weight decay added to the gradient before the moments, as torch's Adam does it."""
-    return optax.chain(optax.add_decayed_weights(config.weight_decay, mask=_decays), optax.adam(config.learning_rate))
+    rate = config.learning_rate
+    if config.schedule == "cosine":
+        rate = optax.cosine_decay_schedule(rate, config.step_count)
+    return optax.chain(optax.add_decayed_weights(config.weight_decay, mask=_decays), optax.adam(rate))
 
 
 def _decays(params: Any) -> Any:
@@ -94,7 +99,8 @@ def batch_loss(params: Any, batch_stats: Any, batch: Batch, config: Config) -> t
 def train_step(state: TrainState, batch: Batch, config: Config) -> tuple[TrainState, jax.Array]:
     """One gradient step of one model (batch without the S axis). Pure: same inputs, same outputs."""
     model, opt_state = state
-    (loss, batch_stats), gradient = jax.value_and_grad(batch_loss, has_aux=True)(*model, batch, config)
+    of_loss = jax.value_and_grad(batch_loss, has_aux=True)
+    (loss, batch_stats), gradient = of_loss(model.params, model.batch_stats, batch, config)
     updates, opt_state = optimizer(config.train).update(gradient, opt_state, model.params)
     return TrainState(Model(optax.apply_updates(model.params, updates), batch_stats), opt_state), loss
 
@@ -115,7 +121,8 @@ def validate(model: Model, batch: Batch, config: Config) -> Validation:
 
 def logits_of(model: Model, features: jax.Array, mask: jax.Array, config: NetworkConfig) -> jax.Array:
     """Logits (N,) of one cloud, by running statistics and without dropout."""
-    return PointNetwork(config).apply(model._asdict(), features, mask, train=False)
+    variables = {"params": model.params, "batch_stats": model.batch_stats}
+    return PointNetwork(config).apply(variables, features, mask, train=False)
 
 
 @partial(jax.jit, static_argnames=("feature_count", "config", "count"))
@@ -143,7 +150,20 @@ def validate_all(models: Model, batch: Batch, config: Config) -> Validation:
 @partial(jax.jit, static_argnames="config")
 def probabilities(model: Model, features: jax.Array, mask: jax.Array, config: NetworkConfig) -> jax.Array:
     """Probability (N,) that each point of one cloud belongs to the model's mismatch."""
-    return jax.nn.sigmoid(logits_of(model, features, mask, config))
+    logits = logits_of(model, features, mask, config)
+    if model.calibration is not None:
+        logits = jnp.interp(logits, model.calibration.logit, model.calibration.calibrated)
+    return jax.nn.sigmoid(logits)
+
+
+@partial(jax.jit, static_argnames="config")
+def all_logits(models: Model, batch: Batch, config: NetworkConfig) -> jax.Array:
+    """Logits (S, B, N) of all models on their clouds, one cloud after the other to save memory."""
+
+    def one_model(model: Model, clouds: Batch):
+        return jax.lax.map(lambda cloud: logits_of(model, cloud.features, cloud.mask, config), clouds)
+
+    return jax.lax.map(lambda one: one_model(*one), (models, batch))
 
 
 def _mean(losses: LossSum) -> jax.Array:

@@ -145,4 +145,10 @@ def test_activations_need_the_axis_of_clouds():
     model = random_model(4, CONFIG, np.float32)
     arguments = jnp.zeros((5, 4)), jnp.ones(5, bool)
     with pytest.raises(NameError, match=CLOUDS):
-        network.apply(model._asdict(), *arguments, train=True, seed=jnp.uint32(0), mutable=["batch_stats"])
+        network.apply(
+            {"params": model.params, "batch_stats": model.batch_stats},
+            *arguments,
+            train=True,
+            seed=jnp.uint32(0),
+            mutable=["batch_stats"],
+        )

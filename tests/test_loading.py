@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from jaxmm import config as settings
-from jaxmm import pipeline, reproduce, runs, shards
+from jaxmm import pipeline, runs, shards
 from jaxmm.batches import LabelledCloud, Sampler
 from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED, Config, ConfigError, DataConfig, Table
 from jaxmm.generate import Request, generate
 from jaxmm.inputs import InputError
 from jaxmm.loading import Host, batches, shard_clouds
 from jaxmm.simulator import MULTI, CloudSource
+from jaxmm.training import train_stage
 
 CONFIG = Config(
     data=DataConfig(train_rooms=2, unchanged_rooms=1, multi_rooms=1, train_seed=11),
@@ -172,7 +173,7 @@ def test_training_from_shards_gives_the_weights_that_training_from_rooms_gives(t
     results = []
     for name, config in (("rooms", rooms), ("shards", dataclasses.replace(rooms, data=stored))):
         with runs.open_run(tmp_path / name, config):
-            results.append(reproduce.train_stage(config, tmp_path / name))
+            results.append(train_stage(config, tmp_path / name))
     assert_same(*results)
     lines = [(tmp_path / name / runs.METRICS).read_bytes() for name in ("rooms", "shards")]
     assert lines[0] == lines[1] and lines[0].count(b"\n") == 6

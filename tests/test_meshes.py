@@ -31,7 +31,7 @@ def steps(place_all):
     states = train.init_all(jax.random.key(0), 4, config)
     gradients = jax.vmap(jax.grad(lambda *one: train.batch_loss(*one, config)[0]))
     states, placed = place_all(states, batch)
-    gradient = jax.jit(gradients)(*states.model, placed)
+    gradient = jax.jit(gradients)(*states.model[:2], placed)
     for _ in range(3):
         states, losses = train.train_step_all(states, placed, config)
     return states, losses, gradient

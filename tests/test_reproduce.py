@@ -17,7 +17,7 @@ from jaxmm.metrics import METRICS
 
 METHODS = ("nn", "xyz_nn")
 # What a run says. Checkpoints hold the time of day, so they are compared by what grows from them.
-RESULTS = ("config.toml", "versions.json", "metrics.jsonl", "models.safetensors", "sentences.json")
+RESULTS = ("config.toml", "versions.json", "metrics.jsonl", "models.safetensors", "sentences.json", "reliability.json")
 RESULTS += ("table_1.json", "table_1.csv", "table_1.md", "figures/*", "rooms/*", "data/*")
 
 
@@ -35,7 +35,7 @@ def test_a_run_folder_holds_all_that_is_promised(finished_run, tiny_config):
     assert {path.name for path in finished_run.iterdir()} == expected
     rows = {f"{scenario}_{condition}" for scenario in SCENARIOS for condition in CONDITIONS}
     drawn = {path.name for path in (finished_run / "figures").iterdir()}
-    assert drawn >= {f"{kind}_{method}.png" for kind in ("loss", "validation") for method in METHODS}
+    assert drawn >= {f"{kind}_{method}.png" for kind in ("loss", "validation", "reliability") for method in METHODS}
     examples = {path.stem for path in (finished_run / "rooms").glob("*.npz")}
     assert examples <= rows and drawn >= {f"{row}_{method}.png" for row in examples for method in METHODS}
     assert {path.stem for path in (finished_run / "rooms").glob("*.json")} == rows

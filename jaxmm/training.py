@@ -1,0 +1,106 @@
+"""The training stage of a run: clouds made or read, methods trained one after the other, probabilities calibrated."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmm import loading, pipeline, runs
+from jaxmm.batches import Batch, LabelledCloud, Sampler, validation_batch
+from jaxmm.calibration import Calibration, calibrate
+from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED, Config
+from jaxmm.files import REMEDY, write_json
+from jaxmm.fit import Record, fit
+from jaxmm.inputs import InputError
+from jaxmm.progress import bar_of, progress
+from jaxmm.simulator import MULTI, CloudSource
+from jaxmm.train import Model, all_logits
+
+CALIBRATION = "calibration.json"
+
+
+def train_stage(config: Config, folder: Path) -> dict[str, Model]:
+    """Train all methods, or take them from the run folder when they are there."""
+    if (folder / runs.MODELS).exists():
+        models, trained = runs.load_models(folder)
+        if trained != config:
+            raise InputError(f"{folder / runs.MODELS}: trained with other settings than {runs.CONFIG} says; {REMEDY}")
+        return models
+    if config.data.source == "shards":
+        training = loading.shard_clouds(config, Path(config.data.shards), folder / "data" / "shards.json")
+    else:
+        training = [_training_clouds(config, folder, scenario, "train") for scenario in SCENARIOS]
+    validation = [_training_clouds(config, folder, scenario, "validation") for scenario in SCENARIOS]
+    models, records, calibrations = {}, [], {}
+    for method in config.train.methods:
+        held_out = validation_batch(validation, method, config.train.labels, config.train.points_per_cloud)
+        models[method], own = _train(config, folder, (method, training, held_out, records))
+        records = records + own
+        if method in config.train.calibrate:
+            models[method], calibrations[method] = _calibrated(config, models[method], held_out)
+    runs.write_records(folder, records)
+    if calibrations:
+        write_json(folder / CALIBRATION, calibrations | {"clouds": _validation_mix(config)})
+    runs.save_models(folder / runs.MODELS, models, config)
+    return models
+
+
+def _train(config: Config, folder: Path, what: tuple) -> tuple[Model, list[Record]]:
+    method, training, held_out, earlier = what
+    settings = config.train
+    copies = 4 if method in settings.augment else 1
+    shape = (settings.batch_size, settings.points_per_cloud)
+    sampler = Sampler(training, method, settings.labels, *shape, copies, config.seed)
+    with bar_of(f"train {method}: four models, one step", settings.step_count, "step") as bar:
+        written = None
+
+        def report(step: int, records: list[Record]) -> None:
+            nonlocal written
+            if written is None:  # steps of an earlier process took none of this one's time
+                bar.initial, written = step, len(records)
+                bar.reset()
+            bar.update(step - bar.n)
+            if len(records) > written:
+                written = len(records)
+                runs.write_records(folder, earlier + records)
+
+        return fit(sampler, held_out, config, folder / "checkpoints" / method, report)
+
+
+def _calibrated(config: Config, models: Model, held_out: Batch) -> tuple[Model, dict[str, Any]]:
+    """The four models with calibrated probabilities, and by scenario what was found out on the way."""
+    logits = np.asarray(all_logits(models, held_out, config.network))
+    found, told = [], {}
+    for number, scenario in enumerate(SCENARIOS):
+        scored = held_out.scored[number]
+        cloud = np.broadcast_to(np.arange(len(scored))[:, None], scored.shape)
+        columns = (logits[number], held_out.labels[number], cloud)
+        calibration, told[scenario] = calibrate(*(column[scored] for column in columns))
+        found.append(calibration)
+    return models._replace(calibration=Calibration(*map(np.stack, zip(*found, strict=True)))), told
+
+
+def _validation_mix(config: Config) -> dict[str, int]:
+    """How many clouds of each kind of scene validate, and calibrate, each model."""
+    data = config.data
+    kinds = {"own change": data.validation_rooms, UNCHANGED: data.unchanged_rooms // 4, MULTI: data.multi_rooms // 4}
+    return {f"{kind}, {condition}": rooms for kind, rooms in kinds.items() for condition in CONDITIONS}
+
+
+def _training_clouds(config: Config, folder: Path, scenario: str, split: str) -> list[LabelledCloud]:
+    """One model's clouds: its scenario's rooms, and those with no change and with several, clean and occluded."""
+    data = config.data
+    seed, count = (
+        (data.train_seed, data.train_rooms) if split == "train" else (data.validation_seed, data.validation_rooms)
+    )
+    share = 1 if split == "train" else 4
+    others = ((UNCHANGED, data.unchanged_rooms // share), (MULTI, data.multi_rooms // share))
+    clouds = []
+    for scene, rooms in ((scenario, count), *others):
+        for condition in CONDITIONS if rooms else ():
+            source = CloudSource(scenario, scene, condition, seed)
+            kind = scenario if scene == scenario else f"{scenario}_{scene}"
+            path = folder / "data" / f"{split}_{kind}_{condition}.npz"
+            label = f"scan {split} rooms: {kind.replace('_', ' ')}, {condition}"
+            clouds += progress(pipeline.cached_clouds(config, source, rooms, path), label, rooms)
+    return clouds
