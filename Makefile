@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test setup setup-peers lint bench clean
+.PHONY: demo test setup setup-peers weights lint bench clean
 
 demo: setup
 	$(BIN)/jaxmm reproduce configs/demo.toml
@@ -24,6 +24,12 @@ setup: .venv/current
 # Open3D and PyTorch, the benchmarks' opponents and the tests' witnesses; large, and never needed to use jaxmm.
 setup-peers: setup
 	$(PIP) install -c requirements.lock -e '.[peers]'
+
+# The default models, from nothing: 25 minutes. The run folder holds how they came about.
+weights: setup
+	$(BIN)/jaxmm train configs/weights.toml --out runs/weights
+	cp runs/weights/models.safetensors jaxmm/weights/default.safetensors
+	cp runs/weights/calibration.json jaxmm/weights/calibration.json
 
 lint: setup
 	$(BIN)/ruff check .

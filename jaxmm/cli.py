@@ -124,7 +124,12 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("root", type=Path, metavar="ROOT", help="the thesis's public repository")
     command.add_argument("--method", required=True, choices=THESIS_METHODS)
     command.add_argument("--weights", type=Path, metavar="DIR", help="released .pth files, default below ROOT")
-    command.add_argument("--model", type=Path, metavar="RUN|FILE", help="our models, for nn, xyz_nn and evidence")
+    command.add_argument(
+        "--model",
+        type=Path,
+        metavar="RUN|FILE",
+        help="our models, for nn, xyz_nn and evidence (default there: those that come with jaxmm)",
+    )
     command.add_argument("--out", type=Path, required=True, metavar="FILE.json")
 
     command = _command(commands, "scan", _scan, "jaxmm scan house.ifc --pose 4,-3,1.5,90 --out scan.ply")

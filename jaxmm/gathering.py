@@ -3,6 +3,8 @@
 R pairs, N points of the side that is judged. World frame: metres, z up.
 """
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from jaxmm.cloud_sighting import CloudPair, frame_of_pair, prior_view, robot_view
@@ -44,10 +46,14 @@ def gather(
         some = tuple([field[row] for row in exact] for field in seen)
         features = _exact(config, source, pairs_at(pairs, exact), some, threads)
         found |= dict(zip(exact.tolist(), features, strict=True))
-    for row in np.flatnonzero(kinds != "exact").tolist():
+
+    def from_clouds(row: int) -> np.ndarray:
         one = tuple(field[row] for field in seen)
-        known = kinds[row] == "cloud"
-        found[row] = _from_clouds(config, source, (pairs, row, known), one, draws[row], threads)
+        return _from_clouds(config, source, (pairs, row, kinds[row] == "cloud"), one, draws[row])
+
+    others = np.flatnonzero(kinds != "exact").tolist()
+    with ThreadPoolExecutor(threads) as pool:  # rooms are shared out, not rays
+        found |= dict(zip(others, pool.map(from_clouds, others), strict=True))
     return [found[row] for row in range(rooms)]
 
 
@@ -59,7 +65,8 @@ def _exact(config: Config, source: CloudSource, pairs: Pairs, seen: Seen, thread
         views = prior_views(pairs, sensor, expected, (seen[0], seen[2]), threads)
     else:
         views = robot_views(pairs, expected, seen[0], threads)
-    return [features_of(view, frame) for view, frame in zip(views, frames_of(pairs, sensor), strict=True)]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(features_of, views, frames_of(pairs, sensor)))
 
 
 def _from_clouds(
@@ -68,7 +75,6 @@ def _from_clouds(
     which: tuple[Pairs, int, bool],
     seen: tuple[Kept, Kept, np.ndarray],
     rng: np.random.Generator,
-    threads: int | None,
 ) -> np.ndarray:
     """From both clouds as they are left after preprocessing, and a viewpoint that is not quite right."""
     (pairs, row, elements_known), (judged, other, apart) = which, seen
@@ -77,7 +83,7 @@ def _from_clouds(
     prior, robot = (judged, other) if removed else (other, judged)
     element = pairs.dt.element[row, prior.pixel] if elements_known else None
     pair = CloudPair(prior.points, robot.points, sensor, element)
-    view = prior_view(pair, apart, threads) if removed else robot_view(pair, apart, threads)
+    view = prior_view(pair, apart, 1) if removed else robot_view(pair, apart, 1)
     return features_of(view, frame_of_pair(pair))
 
 

@@ -18,6 +18,7 @@ from jaxmm.thesis import Scorer, find_pairs, find_weights, nn_raw, score_pair
 from jaxmm.thesis_evidence import evidence_features, viewpoint_of
 from jaxmm.torch_weights import read_state_dict
 from jaxmm.train import Model
+from jaxmm.weights import DEFAULT
 
 RELEASED = "released"
 EVIDENCE = "evidence"
@@ -30,7 +31,7 @@ def score_repository(root: Path, method: str, weights: Path | None, model: Path 
         root: the thesis's repository.
         method: "released", "nn-raw", "rule", or a method that `model` was trained with.
         weights: where the released .pth files are, when not below `root`; only for "released".
-        model: run folder or .safetensors file; only for our trained methods.
+        model: run folder or .safetensors file; only for our trained methods. Default with "evidence": our own models.
         out: JSON file to write.
 
     Raises:
@@ -39,6 +40,8 @@ def score_repository(root: Path, method: str, weights: Path | None, model: Path 
     if weights is not None and method != RELEASED:
         raise InputError(f"--weights: only for --method {RELEASED}, got --method {method}")
     trained = method not in (RELEASED, CONTROL, RULE)
+    if method == EVIDENCE and model is None:
+        model = DEFAULT
     if trained != (model is not None):
         wish = "expected a run folder or .safetensors file" if trained else "only for our trained methods"
         raise InputError(f"--model: {wish}, with --method {method}")

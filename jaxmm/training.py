@@ -29,8 +29,8 @@ def train_stage(config: Config, folder: Path) -> dict[str, Model]:
     if config.data.source == "shards":
         training = loading.shard_clouds(config, Path(config.data.shards), folder / "data" / "shards.json")
     else:
-        training = [_training_clouds(config, folder, scenario, "train") for scenario in SCENARIOS]
-    validation = [_training_clouds(config, folder, scenario, "validation") for scenario in SCENARIOS]
+        training = [training_clouds(config, folder, scenario, "train") for scenario in SCENARIOS]
+    validation = [training_clouds(config, folder, scenario, "validation") for scenario in SCENARIOS]
     models, records, calibrations = {}, [], {}
     for method in config.train.methods:
         held_out = validation_batch(validation, method, config.train.labels, config.train.points_per_cloud)
@@ -87,7 +87,7 @@ def _validation_mix(config: Config) -> dict[str, int]:
     return {f"{kind}, {condition}": rooms for kind, rooms in kinds.items() for condition in CONDITIONS}
 
 
-def _training_clouds(config: Config, folder: Path, scenario: str, split: str) -> list[LabelledCloud]:
+def training_clouds(config: Config, folder: Path, scenario: str, split: str) -> list[LabelledCloud]:
     """One model's clouds: its scenario's rooms, and those with no change and with several, clean and occluded."""
     data = config.data
     seed, count = (

@@ -1,0 +1,154 @@
+"""Which kind of evidence buys what: the four models trained anew without it, and the thesis's hole interpolation.
+
+    python -m benchmarks.ablation runs/weights --out runs/ablation [--rooms 40] [--steps 1500]
+
+Takes the training and validation clouds of a finished run, blanks some columns, trains as that run did but for fewer
+steps, and scores varied test rooms with furniture left in (occluded rows, ideal sensor, true labels): once with the
+prior's geometry, once with thinned clouds and no element ids. Prints mean ROC AUC / precision at 95 % recall. Beside
+them stand the rule, the raw distance, and the raw distance after the holes of the robot's scan were filled.
+"""
+
+import argparse
+import dataclasses
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.accuracy import condition_config
+from jaxmm import evaluate, pipeline, runs
+from jaxmm.batches import LabelledCloud, Sampler, features_of, labels_of, validation_batch
+from jaxmm.config import SCENARIOS, Config
+from jaxmm.evidence import FEATURES
+from jaxmm.files import write_json
+from jaxmm.fit import fit
+from jaxmm.holes import fill_holes
+from jaxmm.metrics import point_metrics
+from jaxmm.preprocess import nearest_distance
+from jaxmm.rule import rule_scores
+from jaxmm.sides import sides_of
+from jaxmm.simulator import CloudSource
+from jaxmm.train import Model
+from jaxmm.training import training_clouds
+
+METHOD = "evidence"
+FRACTIONS = ("through", "support", "blocked", "unseen")
+RANGES = ("residual", "surprise")
+HEIGHTS = ("height", "range", "facing")
+# What is left to the network.
+VARIANTS: dict[str, Callable[[str], bool]] = {
+    "all": lambda name: True,
+    "no pools": lambda name: not name.startswith("pool"),
+    "no surfaces": lambda name: not name.startswith("surface"),
+    "no columns": lambda name: not name.startswith("column"),
+    "no distance to the other side": lambda name: name != "apart",
+    "each point alone": lambda name: name in (*FRACTIONS, *RANGES, *HEIGHTS, "apart"),
+    "distance and place alone": lambda name: name in (*HEIGHTS, "apart"),
+}
+KINDS = {"geometry": {"object_filter": "none"}, "clouds, no ids": {"object_filter": "none", "evidence": "points"}}
+
+
+def main(run: Path, out: Path, rooms: int, steps: int) -> None:
+    config = runs.read_config(run)
+    splits = [[training_clouds(config, run, name, split) for name in SCENARIOS] for split in ("train", "validation")]
+    short = dataclasses.replace(config, train=dataclasses.replace(config.train, step_count=steps))
+    rows = {}
+    scored = {kind: _test_clouds(config, changes, rooms) for kind, changes in KINDS.items()}
+    for name, kept in VARIANTS.items():
+        blank = np.array([not kept(column) for column in FEATURES])
+        models = _trained(short, splits, blank, out / name.replace(" ", "_"))
+        rows[name] = {kind: _model_row(models, config, clouds, blank) for kind, clouds in scored.items()}
+        print(_line(name, rows[name]), flush=True)
+    for name, score in {"rule": _rule, "raw distance": _raw, "raw distance, holes filled": _filled}.items():
+        rows[name] = {kind: _row(clouds, score) for kind, clouds in scored.items()}
+        print(_line(name, rows[name]), flush=True)
+    write_json(out / "ablation.json", {"rooms": rooms, "steps": steps, "rows": rows})
+
+
+Scored = dict[str, list[tuple[LabelledCloud, np.ndarray]]]  # scenario -> clouds, and distances once holes are filled
+Row = dict[str, tuple[float, float]]
+
+
+def _test_clouds(config: Config, changes: dict, rooms: int) -> Scored:
+    base = condition_config(config, "varied", rooms)
+    base = dataclasses.replace(base, preprocess=dataclasses.replace(base.preprocess, **changes))
+    return {scenario: list(_with_filled(base, scenario, rooms)) for scenario in SCENARIOS}
+
+
+def _with_filled(config: Config, scenario: str, rooms: int) -> Iterator[tuple[LabelledCloud, np.ndarray]]:
+    """Test clouds of one occluded row; holes are those that the thesis's object filter leaves."""
+    source = CloudSource(scenario, scenario, "occluded", config.data.test_seed)
+    filtered = dataclasses.replace(config, preprocess=dataclasses.replace(config.preprocess, object_filter="height"))
+    for start in range(0, rooms, 16):
+        index = np.arange(start, min(start + 16, rooms))
+        pairs = pipeline.pairs_of(config, source, index)
+        dt, robot = sides_of(filtered, pairs)
+        for row, cloud in enumerate(pipeline.clouds_of(config, source, pairs)):
+            if scenario.endswith("removed"):
+                other = fill_holes(robot[row].points, pairs.pose.position[row], dt[row].points)
+            else:
+                other = dt[row].points
+            far = np.full(len(cloud.points), 50.0, np.float32)
+            yield cloud, nearest_distance(cloud.points, other) if len(other) else far
+
+
+def _trained(config: Config, splits: list, blank: np.ndarray, folder: Path) -> Model:
+    training, validation = ([[_blanked(cloud, blank) for cloud in clouds] for clouds in split] for split in splits)
+    settings = config.train
+    shape = (settings.batch_size, settings.points_per_cloud)
+    sampler = Sampler(training, METHOD, settings.labels, *shape, 1, config.seed)
+    held_out = validation_batch(validation, METHOD, settings.labels, settings.points_per_cloud)
+    return fit(sampler, held_out, config, folder, lambda step, records: None)[0]
+
+
+def _blanked(cloud: LabelledCloud, blank: np.ndarray) -> LabelledCloud:
+    return cloud._replace(evidence=np.where(blank, np.float32(0.0), cloud.evidence))
+
+
+def _model_row(models: Model, config: Config, scored: Scored, blank: np.ndarray) -> Row:
+    def score(cloud: LabelledCloud, scenario: str, _: np.ndarray) -> np.ndarray:
+        features = features_of(METHOD, cloud.points, cloud.distance, _blanked(cloud, blank).evidence)
+        return evaluate.predict(evaluate.pick_model(models, scenario), features, config.network)
+
+    return _row(scored, score)
+
+
+def _rule(cloud: LabelledCloud, scenario: str, _: np.ndarray) -> np.ndarray:
+    return rule_scores(cloud.evidence, removed=scenario.endswith("removed"))
+
+
+def _raw(cloud: LabelledCloud, *_) -> np.ndarray:
+    return cloud.distance
+
+
+def _filled(cloud: LabelledCloud, scenario: str, distance: np.ndarray) -> np.ndarray:
+    return distance
+
+
+def _row(scored: Scored, score: Callable[[LabelledCloud, str, np.ndarray], np.ndarray]) -> Row:
+    """Mean ROC AUC and precision at 95 % recall of each scenario."""
+    row = {}
+    for scenario, clouds in scored.items():
+        found = []
+        for cloud, filled in clouds:
+            label, void = labels_of(cloud, "true")
+            if np.sum(label & ~void) >= 20:
+                metrics = point_metrics(score(cloud, scenario, filled), label, void)
+                found.append((metrics.roc_auc, metrics.precision_at_95))
+        row[scenario] = tuple(np.mean(found, axis=0).tolist())
+    return row
+
+
+def _line(name: str, kinds: dict[str, Row]) -> str:
+    cells = [f"{kind}: " + "  ".join(f"{a:.4f}/{p:.3f}" for a, p in row.values()) for kind, row in kinds.items()]
+    return f"{name:30s} {'   '.join(cells)}"
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", type=Path, help="finished run folder of configs/weights.toml")
+    parser.add_argument("--out", type=Path, required=True, help="folder of checkpoints and ablation.json")
+    parser.add_argument("--rooms", type=int, default=40, help="test rooms a row")
+    parser.add_argument("--steps", type=int, default=1500, help="training steps of each variant")
+    options = parser.parse_args()
+    main(options.run, options.out, options.rooms, options.steps)

@@ -1,0 +1,67 @@
+"""All four models on the rooms of all four scenarios: do pillar and wall models act alike, as the thesis remarks?
+
+    python -m benchmarks.matrix [--model RUN|FILE] [--rooms 50] [--json matrix.json]
+
+Rooms are varied ones of the test seed, occluded, with an ideal sensor. A model that looks at the side where the change
+shows is asked to rank the changed points (ROC AUC, true labels); one that looks at the other side should find nothing,
+and of it is told how many of all points it takes for changed.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.accuracy import condition_config
+from jaxmm import evaluate, pipeline, runs
+from jaxmm.batches import features_of, labels_of
+from jaxmm.config import SCENARIOS, Config
+from jaxmm.files import write_json
+from jaxmm.metrics import point_metrics
+from jaxmm.simulator import CloudSource
+from jaxmm.train import Model
+from jaxmm.weights import DEFAULT
+
+METHOD = "evidence"
+
+
+def main(model: Path, rooms: int, path: Path | None) -> None:
+    models, trained = runs.load_models(model)
+    config = condition_config(trained, "varied", rooms)
+    cells = [_cell(config, models[METHOD], scene, scenario) for scene in SCENARIOS for scenario in SCENARIOS]
+    if path:
+        write_json(path, {"rooms": rooms, "cells": cells})
+    print("rooms \\ model".ljust(16), *(name.ljust(22) for name in SCENARIOS))
+    for start in range(0, len(cells), len(SCENARIOS)):
+        row = cells[start : start + len(SCENARIOS)]
+        print(row[0]["scene"].ljust(16), *(_told(cell).ljust(22) for cell in row))
+
+
+def _cell(config: Config, models: Model, scene: str, scenario: str) -> dict:
+    """Mean over rooms of one model's AUC, where it sees the change, and of its alarms."""
+    same = scene.split("_")[1] == scenario.split("_")[1]
+    source = CloudSource(scene if same else scenario, scene, "occluded", config.data.test_seed)
+    model, found, alarms = evaluate.pick_model(models, scenario), [], []
+    for cloud, _ in pipeline.clouds(config, source, np.arange(config.data.test_rooms)):
+        features = features_of(METHOD, cloud.points, cloud.distance, cloud.evidence)
+        score = evaluate.predict(model, features, config.network)
+        label, void = labels_of(cloud, "true")
+        alarms.append(float(np.mean(score[~label] >= 0.5)))
+        if same and np.sum(label & ~void) >= config.evaluate.least_positives:
+            found.append(point_metrics(score, label, void).roc_auc)
+    auc = float(np.mean(found)) if found else None
+    return {"scene": scene, "model": scenario, "roc_auc": auc, "alarms": float(np.mean(alarms)), "rooms": len(alarms)}
+
+
+def _told(cell: dict) -> str:
+    alarms = f"{100 * cell['alarms']:.2f} % false"
+    return alarms if cell["roc_auc"] is None else f"{cell['roc_auc']:.4f}, {alarms}"
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--model", type=Path, default=DEFAULT, help="run folder or .safetensors file")
+    parser.add_argument("--rooms", type=int, default=50, help="test rooms a scenario")
+    parser.add_argument("--json", type=Path, help="also write the cells to this file")
+    options = parser.parse_args()
+    main(options.model, options.rooms, options.json)
