@@ -221,6 +221,11 @@ def load_models(path: Path) -> tuple[dict[str, Model], Config]:
     if "config" not in metadata:
         raise InputError(f"{path}: expected settings in the metadata under `config`, found {sorted(metadata)}")
     config = parse(metadata["config"], where=f"{path}: config")
+    for method in config.train.methods:
+        kernel = tensors.get((method, "params", "conv1", "kernel"))
+        if kernel is not None and kernel.ndim == 3 and kernel.shape[1] != TRAINED_METHODS[method]:
+            wanted = f"{TRAINED_METHODS[method]} features for {method}, got {kernel.shape[1]}"
+            raise InputError(f"{path}: expected {wanted}; it was trained by another version, train it again")
     expected = {
         method: jax.eval_shape(lambda size=size: _as_dict(init_all(jax.random.key(0), size, config).model))
         for method, size in TRAINED_METHODS.items()

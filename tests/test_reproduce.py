@@ -128,7 +128,8 @@ def test_what_is_missing_from_a_run_is_made_again_the_same(finished_run, tmp_pat
     """In this process, hence with other threads and caches: the results are those of another process."""
     from jaxmm import figures, reproduce, room_figures
 
-    for module, name in ((room_figures, "room_report"), (figures, "loss_curves"), (figures, "validation_curves")):
+    drawn = [(figures, f"{name}_curves") for name in ("loss", "validation", "reliability")]
+    for module, name in ((room_figures, "room_report"), *drawn):
         monkeypatch.setattr(module, name, lambda *_: None)  # they are there already
     folder = tmp_path / "run"
     shutil.copytree(finished_run, folder)
