@@ -10,7 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from jaxmm import figures
-from jaxmm.figures import curves_from_records, loss_curves, save, validation_curves
+from jaxmm.calibration import reliability
+from jaxmm.figures import curves_from_records, loss_curves, reliability_curves, save, validation_curves
 from jaxmm.room_figures import (
     ScoredCloud,
     best_azimuth,
@@ -298,3 +299,20 @@ def test_story_rays_find_what_its_labels_say(block, sign, story):
     prior, real = (story["cast"](direction, story[name]) for name in ("PRIOR", "REAL"))
     np.testing.assert_allclose(prior, np.linalg.norm(corners - sensor, axis=1))
     assert np.all(np.sign(np.round(real - prior, 6)) == sign)
+
+
+def test_reliability_shows_frequencies_over_probabilities(tmp_path):
+    rng = np.random.default_rng(3)
+    probability = rng.random(50_000)
+    sums = {
+        "honest": reliability(probability, rng.random(50_000) < probability),
+        "boastful": reliability(probability, rng.random(50_000) < probability / 2),
+    }
+    figure = reliability_curves(sums, tmp_path / "a.png", "title")
+    _, honest, boastful = figure.axes[0].get_lines()
+    np.testing.assert_allclose(honest.get_ydata(), honest.get_xdata(), atol=0.05)
+    np.testing.assert_allclose(boastful.get_ydata(), boastful.get_xdata() / 2, atol=0.05)
+    told = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert told[1].startswith("honest: ECE 0.0") and told[2].startswith("boastful: ECE 0.2")
+    reliability_curves(sums, tmp_path / "b.png", "title")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
