@@ -21,7 +21,7 @@ returns came from the changed object, so `true` has no errors of annotation.
 ## What it is not
 
 No real sensor, room or person had a part in it. Rooms are drawn from ranges, not from buildings. The DT scan has no
-errors; those of the robot scan are simulated: {errors}. Scores on it
+errors; simulated errors of the robot scan: {errors}. Scores on it
 say how methods compare under known truth, and nothing about how well they do on real scans.
 
 ## How it was made

@@ -24,6 +24,7 @@ SCAN_SENSORS = (
     "oak-d-pro (default), oak-d-pro-small, velodyne-16, ouster-64 or tls, ideal within its range; with -real behind "
     "the name it errs as such devices do; or a TOML file"
 )
+POSE = "metres in the file's frame, z absolute; degrees, YAW counter-clockwise from +x, PITCH upwards"
 SCAN_FILES = (
     ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic) or .csv: the returns with the element of each; "
     ".npz: every ray, returned or not, and a table of the elements"
@@ -134,9 +135,7 @@ def _parser() -> argparse.ArgumentParser:
 
     command = _command(commands, "scan", _scan, "jaxmm scan house.ifc --pose 4,-3,1.5,90 --out scan.ply")
     command.add_argument("scene", type=Path, metavar="SCENE", help="building: .ifc, .obj, .ply, .glb, .gltf or .stl")
-    command.add_argument(
-        "--pose", required=True, metavar="X,Y,Z,YAW[,PITCH]", help="metres in the file's frame, z absolute; degrees"
-    )
+    command.add_argument("--pose", required=True, metavar="X,Y,Z,YAW[,PITCH]", help=POSE)
     command.add_argument("--sensor", default="oak-d-pro", metavar="NAME|FILE", help=SCAN_SENSORS)
     command.add_argument("--seed", type=int, default=0, metavar="N", help="of the errors of a sensor that errs")
     command.add_argument("--out", type=Path, required=True, metavar="FILE", help=SCAN_FILES)
@@ -259,6 +258,8 @@ def _scan(options: argparse.Namespace) -> None:
             y_up=None if options.up is None else options.up == "y",
             unit=options.unit,
         )
+        if options.scene.suffix.lower() == ".ifc" and (options.unit != 1.0 or options.up is not None):
+            raise InputError(f"--unit, --up: only for mesh files; {options.scene} says its unit and axes itself")
         building = read_building(options.scene, reading)
         scene = prepare(building.triangles)
         building_poses.check_position(building, scene, position)

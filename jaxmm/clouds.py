@@ -116,7 +116,8 @@ def _write_e57(path: Path, scan: SensorScan) -> None:
     """Points in the sensor's frame beside its pose, as the format wants them.
 
     The standard has no field for what a point belongs to: jaxmm:element and jaxmm:semantic of each point, and
-    jaxmm:guid of the scan with the GlobalIds, are fields of an extension, which other readers pass over.
+    jaxmm:guid of the scan with the GlobalIds, are fields of an extension. Readers pass over it, some only when asked to
+    (pye57: read_scan, or read_scan_raw with ignore_unsupported_fields=True).
     """
     import pye57
     from pye57 import libe57

@@ -99,4 +99,20 @@ def check_writable(path: Path, option: str) -> None:
         raise InputError(f"{option}: cannot write to {target.parent}: {error.strerror}") from error
 
 
+def check_folder(path: Path, option: str) -> None:
+    """Refuse a folder for output that could not be made or written to, before the work for it is done.
+
+    Raises:
+        InputError: it is a file, or it or the folder that it would be made in is read-only.
+    """
+    existing = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
+    if not existing.is_dir():
+        raise InputError(f"{option}: expected a folder, found a file: {existing}")
+    try:
+        with tempfile.TemporaryFile(dir=existing):
+            pass
+    except OSError as error:
+        raise InputError(f"{option}: cannot write to {existing}: {error.strerror}") from error
+
+
 REMEDY = "delete it, and the same command makes it again"

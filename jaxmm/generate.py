@@ -14,7 +14,7 @@ from typing import NamedTuple
 from jaxmm import card, dataset, local_engine, runs, shards, simulator
 from jaxmm.config import Config
 from jaxmm.evidence import FEATURES
-from jaxmm.files import write_atomically, write_text
+from jaxmm.files import check_folder, write_atomically, write_text
 from jaxmm.inputs import InputError
 from jaxmm.progress import bar_of
 from jaxmm.shards import Entry, Manifest
@@ -50,6 +50,7 @@ def generate(config: Config, folder: Path, request: Request) -> Manifest:
         value = getattr(request, name)
         if value is not None and value < 1:
             raise InputError(f"--{name}: expected at least 1, got {value}")
+    check_folder(folder, "--out")
     results = _engine(request)
     _check_space(config, folder, request)
     with runs.open_run(folder, config, threads_matter=False):  # every shard is the work of one thread

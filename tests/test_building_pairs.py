@@ -183,8 +183,8 @@ def test_two_hundred_poses_stand_free_inside(hall):
     witness = trimesh.Trimesh(hall.triangles.vertices, hall.triangles.faces, process=False)
     _, distance, _ = trimesh.proximity.closest_point(witness, position)
     assert distance.min() >= 0.3
-    assert all(element_around(hall.triangles, point) == -1 for point in position)
-    assert hall.elements.name[element_around(hall.triangles, np.array([-2.0, 0.0, 1.0]))] == "column a"
+    assert all(element_around(hall, point) == -1 for point in position)
+    assert hall.elements.name[element_around(hall, np.array([-2.0, 0.0, 1.0]))] == "column a"
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from warp_scanner.building_files import read_building
+from warp_scanner.building_poses import check_position
 from warp_scanner.buildings import ReadOptions, bounds, join, remarks
 from warp_scanner.ifc_files import _unit_scale
 from warp_scanner.scan import Rays
@@ -290,3 +291,9 @@ def test_joined_triangles_keep_their_elements(tmp_path):
     result = cast_triangles(prepare(both), Rays(np.array([[-3.0, 0.1, 0.2], [2.0, 5.1, 5.2]]), np.array([[1.0, 0, 0]])))
     np.testing.assert_array_equal(result.element, [[0], [1]])
     np.testing.assert_allclose(result.distance, 2.5, atol=1e-6)
+
+
+def test_nobody_stands_inside_a_footing(real_building):
+    house = real_building("IfcOpenHouse_IFC4")
+    with pytest.raises(ValueError, match="inside IfcFooting"):
+        check_position(house, prepare(house.triangles), np.array([0.0, 0.5, -1.0]))

@@ -98,6 +98,7 @@ def test_what_cannot_be_scanned_is_one_line(house, tmp_path, refused):
     refused(scan("1.5,0,1.5,0"), "inside element 'column'")
     refused(scan("9,0,1.5,0"), "outside the building", "-3.20 to 3.20")
     refused(scan("0,0,-5,0"), "outside the building")
+    refused(["scan", "a.ifc", "--pose", "0,0,1,0", "--out", out, "--unit", "0.001"], "--unit", "a.ifc")
     for pose in ("1,2,3", "a,b,c,d", "1,2,nan,0", "1,2,1,0,91", "", "1,2,3,4,5,6"):
         refused(scan(pose), "--pose", "X,Y,Z,YAW")
     for pose in ("1e300,0,1.5,0", "0,-2e9,1.5,0", "0,0,1e10,0,1"):

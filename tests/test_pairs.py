@@ -166,3 +166,9 @@ def test_rejects_what_is_not_an_index(index):
 def test_rejects_impossible_settings(settings):
     with pytest.raises(ValueError, match=next(iter(settings))):
         PairConfig(**settings)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, 2**63, True, "3"])
+def test_seeds_are_whole_numbers_of_63_bits(seed):
+    with pytest.raises(ValueError, match="seed must be a whole number"):
+        PairConfig(seed=seed)

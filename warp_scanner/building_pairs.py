@@ -25,6 +25,7 @@ from warp_scanner.scenarios import CONDITIONS, SCENARIOS, TrueBox
 from warp_scanner.scenes import NOTHING, PILLAR, WALL, Primitives
 from warp_scanner.sense import rays_of, with_noise, within_reach
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing
+from warp_scanner.settings import check_seed
 from warp_scanner.surface import incidence_of
 from warp_scanner.triangles import TriangleScene, cast_faces, cast_triangles, face_normals, prepare
 
@@ -60,7 +61,8 @@ class BuildingPairConfig:
             raise ValueError(f"scenario must be one of {(*SCENARIOS, 'unchanged')}, got {self.scenario!r}")
         if self.condition not in CONDITIONS:
             raise ValueError(f"condition must be one of {CONDITIONS}, got {self.condition!r}")
-        for name in ("seed", "range_noise", "testable_margin"):
+        check_seed(self.seed)
+        for name in ("range_noise", "testable_margin"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
         for name in ("copied_share", "minimum_share"):

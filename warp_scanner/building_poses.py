@@ -6,13 +6,29 @@ E elements, N points. Positions are offsets from the building's origin, metres, 
 import numpy as np
 
 from warp_scanner import draws
-from warp_scanner.buildings import Building, Triangles, bounds, fixed
+from warp_scanner.buildings import Building, bounds, fixed
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import CEILING, CHAIR, FLOOR, FURNITURE, PILLAR, TABLE, WALL
+from warp_scanner.scenes import (
+    CABINET,
+    CARTON,
+    CEILING,
+    CHAIR,
+    DOOR,
+    FLOOR,
+    FURNITURE,
+    OTHER,
+    PERSON,
+    PILLAR,
+    TABLE,
+    WALL,
+    WINDOW,
+)  # fmt: skip
 from warp_scanner.sensors import Pose, Standing
 from warp_scanner.triangles import TriangleScene, cast_triangles, clearance
 
-_SOLID = (WALL, PILLAR, FLOOR, CEILING, TABLE, CHAIR, FURNITURE)  # what nobody can stand inside
+# What nobody can stand inside; other elements likewise, but for those that may be the shell of something hollow.
+_SOLID = (WALL, PILLAR, FLOOR, CEILING, DOOR, TABLE, CHAIR, WINDOW, FURNITURE, CABINET, CARTON, PERSON)
+_SHELLS = ("", "IfcRoof", "IfcCurtainWall", "IfcBuildingElementProxy")
 _BESIDE = 2.0  # [m] around a file that holds neither floors nor ceilings, and so has no inside
 _STOREY_HEIGHT = 2.5  # [m] of the highest storey, if nothing above tells
 _STEP = 0.6  # [m] a floor may lie above or below its storey's elevation
@@ -36,7 +52,7 @@ def check_position(building: Building, scene: TriangleScene, position: np.ndarra
         low, high = (corner + building.origin for corner in bounds(building.triangles))
         spans = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low, high, strict=True))
         raise ValueError(f"pose {where} is outside the building, which spans {spans} m")
-    around = element_around(building.triangles, point)
+    around = element_around(building, point)
     if around >= 0:
         elements = building.elements
         kind, name = elements.ifc_class[around] or "element", elements.name[around]
@@ -58,12 +74,13 @@ def inside(building: Building, scene: TriangleScene, points: np.ndarray) -> np.n
     return np.all((points >= low) & (points <= high), axis=1) & hit.any(axis=1)
 
 
-def element_around(triangles: Triangles, point: np.ndarray) -> int:
+def element_around(building: Building, point: np.ndarray) -> int:
     """The solid element that the point (3,) is inside of; -1 if there is none.
 
     By the winding number (van Oosterom and Strackee 1983 give the solid angle of a triangle), which also holds for
     surfaces with small holes and does not care which side of a face is its front.
     """
+    triangles, elements = building.triangles, building.elements
     corners = triangles.vertices[triangles.faces].astype(np.float64) - point
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
@@ -71,7 +88,9 @@ def element_around(triangles: Triangles, point: np.ndarray) -> int:
     rest = la * lb * lc + np.einsum("ti,ti->t", a, b) * lc + np.einsum("ti,ti->t", b, c) * la
     rest += np.einsum("ti,ti->t", c, a) * lb
     turns = np.bincount(triangles.element, np.arctan2(volume, rest), len(triangles.semantic)) / (2.0 * np.pi)
-    within = (np.abs(turns) > 0.5) & np.isin(triangles.semantic, _SOLID)
+    solid = np.isin(triangles.semantic, _SOLID)
+    solid |= (triangles.semantic == OTHER) & ~np.isin(np.asarray(elements.ifc_class, str), _SHELLS)
+    within = (np.abs(turns) > 0.5) & solid
     return int(np.argmax(within)) if within.any() else -1
 
 
@@ -133,20 +152,20 @@ def draw_positions(
     covered = np.isfinite(cast_triangles(scene, Rays(points, up)).distance[:, 0])
     points, good, covered = points.reshape(count, tries, 3), good.reshape(count, tries), covered.reshape(count, tries)
     # A roof terrace is a floor as well, but only where nothing under a roof is free.
-    first = _first_free(building.triangles, points, good & covered)
-    first = np.where(first < 0, _first_free(building.triangles, points, good & (first < 0)[:, None]), first)
+    first = _first_free(building, points, good & covered)
+    first = np.where(first < 0, _first_free(building, points, good & (first < 0)[:, None]), first)
     found = first >= 0
     yaw = draws.between(key, "sensor yaw", (-180.0, 180.0), 1)[:, 0].astype(np.float32)
     pitch = draws.between(key, "sensor pitch", standing.pitch, 1)[:, 0].astype(np.float32)
     return Pose(points[np.arange(count), first], yaw, pitch), found
 
 
-def _first_free(triangles: Triangles, points: np.ndarray, good: np.ndarray) -> np.ndarray:
+def _first_free(building: Building, points: np.ndarray, good: np.ndarray) -> np.ndarray:
     """(R,) the first good try that is inside no element; -1 if none is."""
     first = np.full(len(points), -1)
     for view in range(len(points)):
         for place in np.flatnonzero(good[view]):
-            if element_around(triangles, points[view, place]) < 0:
+            if element_around(building, points[view, place]) < 0:
                 first[view] = place
                 break
     return first

@@ -18,6 +18,7 @@ from warp_scanner.scenarios import SceneConfig, Scenes, TrueBox, make_scenes
 from warp_scanner.scenes import GAP, Primitives
 from warp_scanner.sense import cast, cast_which, measured, rays_of, with_noise, within_reach
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing
+from warp_scanner.settings import check_seed
 
 _SCENES_AT_ONCE = 64  # scenes are drawn together, so that few of them wait for the last
 _MOST = {"sensor_pitch_spread": 60.0, "angle_error": 45.0}  # [deg]; of lengths 10 m
@@ -51,8 +52,7 @@ class PairConfig:
     angle_error: float = 0.0  # [deg] standard deviation of its true yaw and pitch about the assumed ones
 
     def __post_init__(self):
-        if self.seed < 0:
-            raise ValueError(f"seed must be at least 0, got {self.seed}")
+        check_seed(self.seed)
         spreads = (
             "sensor_height_spread", "sensor_pitch_spread", "position_error", "angle_error", "range_noise_spread",
         )  # fmt: skip

@@ -27,6 +27,16 @@ LIMITS = {
 LENGTH_LIMITS = (0.01, 10.0)  # [m]
 
 
+def check_seed(seed: Any) -> None:
+    """Refuse what is no seed: another number of the same bits would make the same data, under another name.
+
+    Raises:
+        ValueError: not a whole number from 0 to 2^63 - 1.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
+        raise ValueError(f"seed must be a whole number of at least 0 and below 2^63, got {seed!r}")
+
+
 def check_settings(config: Any, where: str) -> None:
     """Refuse the settings of a dataclass that are out of their bounds, and ranges upside down.
 
