@@ -13,6 +13,8 @@ import numpy as np
 from jaxmm.config import TRAINED_METHODS
 from jaxmm.preprocess import augmentations
 
+LEAST_SHOWN = 10  # testable points of an object, below which its points are no examples of it
+
 
 class LabelledCloud(NamedTuple):
     """One preprocessed cloud, seen from its own side of the pair; N points, each a real return of the sensor."""
@@ -27,13 +29,21 @@ class LabelledCloud(NamedTuple):
 
 
 def labels_of(cloud: LabelledCloud, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Labels (N,) of one kind, "heuristic" or "true", and where they are void (N,).
+    """Labels (N,) of one kind, "heuristic", "true" or "object", and where they are void (N,).
 
-    A return from the mismatch that is not testable is void among true labels: no method could know.
+    A return from the mismatch that is not testable is void among true labels: by itself nobody could know. Among object
+    labels it is as good as the others of its object, and void only where that hardly shows: to learn, not to score.
     """
     if kind == "heuristic":
         return cloud.heuristic, np.zeros(len(cloud.heuristic), bool)
-    return cloud.true, cloud.true & ~cloud.testable
+    if kind == "true":
+        return cloud.true, cloud.true & ~cloud.testable
+    changed = np.flatnonzero(cloud.true)
+    _, number = np.unique(cloud.element[changed], return_inverse=True)
+    shown = np.bincount(number.ravel(), cloud.testable[changed], len(changed) + 1)
+    void = np.zeros(len(cloud.true), bool)
+    void[changed] = shown[number.ravel()] < LEAST_SHOWN
+    return cloud.true, void
 
 
 class Batch(NamedTuple):
@@ -64,7 +74,7 @@ class Sampler(NamedTuple):
 
     clouds: Sequence[Sequence[LabelledCloud]]
     method: str
-    label_kind: str  # "heuristic" or "true"
+    label_kind: str  # "heuristic", "true" or "object"
     batch_size: int
     point_count: int  # points per cloud; longer clouds are thinned at random, shorter ones padded
     copies: int  # 4 with the augmented copies of each cloud, else 1

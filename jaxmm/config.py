@@ -140,7 +140,7 @@ class TrainConfig:
     """The joint training of the four models. Adam and weight decay (added to the gradient) as in the thesis."""
 
     methods: tuple[str, ...] = ("nn", "xyz_nn")
-    labels: str = one_of("heuristic", "heuristic", "true")
+    labels: str = one_of("heuristic", "heuristic", "true", "object")  # see batches.labels_of
     step_count: int = bounded(3000, 1)
     batch_size: int = bounded(8, 1, 4096)  # clouds a step and model
     points_per_cloud: int = bounded(4096, 16)  # a longer cloud is thinned at random, anew at every step

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from jaxmm.batches import LabelledCloud, Sampler, features_of, validation_batch
+from jaxmm.batches import LabelledCloud, Sampler, features_of, labels_of, validation_batch
 
 POINTS = 40
 
@@ -159,3 +159,18 @@ def test_untestable_returns_are_seen_but_not_scored(label_kind):
             _, point = numbers(batch, *place)
             void = point % 3 != 0 if label_kind == "true" else np.zeros(len(point), bool)  # true, and not testable
             np.testing.assert_array_equal(batch.scored[place][batch.mask[place]], ~void)
+
+
+def test_object_labels_make_examples_of_all_that_is_of_an_object_that_shows():
+    element = np.repeat([0, 1, 2], 20)
+    true, testable = element > 0, np.zeros(60, bool)
+    testable[20:30] = True  # ten points of object 1 show
+    testable[40:49] = True  # nine of object 2
+    made = cloud(0, 60)._replace(element=element.astype(np.int32), true=true, testable=testable)
+    label, void = labels_of(made, "object")
+    np.testing.assert_array_equal(label, true)
+    np.testing.assert_array_equal(void, element == 2)
+    label, void = labels_of(made, "true")
+    np.testing.assert_array_equal(void, true & ~testable)
+    none = made._replace(true=np.zeros(60, bool))
+    assert not labels_of(none, "object")[1].any()
