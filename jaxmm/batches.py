@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.config import TRAINED_METHODS
+from jaxmm.config import SCENARIOS, TRAINED_METHODS
 from jaxmm.preprocess import augmentations
 
 LEAST_SHOWN = 10  # testable points of an object, below which its points are no examples of it
@@ -140,13 +140,18 @@ def _fill(
 ) -> None:
     count = len(cloud.points)
     chosen = np.arange(count) if count <= sampler.point_count else rng.permutation(count)[: sampler.point_count]
-    labels, void = labels_of(cloud, sampler.label_kind)
+    labels, void = labels_of(cloud, _kind_of(sampler.label_kind, place[0]))
     batch.features[place][: len(chosen)] = features_of(
         sampler.method, cloud.points[chosen], cloud.distance[chosen], cloud.evidence[chosen]
     )
     batch.labels[place][: len(chosen)] = labels[chosen]
     batch.mask[place][: len(chosen)] = True
     batch.scored[place][: len(chosen)] = ~void[chosen]
+
+
+def _kind_of(kind: str, scenario: int) -> str:
+    """Object labels are for what the robot saw; of what the prior says, only rays can tell whether it is gone."""
+    return "true" if kind == "object" and SCENARIOS[scenario].endswith("removed") else kind
 
 
 @lru_cache(maxsize=64)

@@ -41,7 +41,7 @@ def side_of(points: np.ndarray, sensor: np.ndarray) -> Side:
     offset = np.asarray(points, np.float64) - sensor
     reach = np.linalg.norm(offset, axis=1)
     direction = np.where(reach[:, None] > 1e-6, offset / np.maximum(reach, 1e-6)[:, None], [1.0, 0.0, 0.0])
-    facing = np.abs(np.einsum("nc,nc->n", normals_of(points), direction)) if len(points) else reach
+    facing = np.abs(np.einsum("nc,nc->n", normals_of(points)[0], direction)) if len(points) else reach
     return Side(np.asarray(points), direction.astype(np.float32), reach.astype(np.float32), facing)
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.pools import links_of, pools_of
+from jaxmm.pools import neighbourhood_of, pools_of
 
 FRACTIONS = ("through", "support", "blocked", "unseen")
 THROUGH, SUPPORT, BLOCKED, UNSEEN = range(4)
@@ -164,9 +164,9 @@ def _groups(view: View) -> tuple[np.ndarray, np.ndarray]:
     known = view.element >= 0
     if known.all():
         return view.element, view.element
-    links, first = links_of(np.asarray(view.points, np.float64)), view.element.max(initial=-1) + 1
-    surface = np.where(known, view.element, pools_of(links, ~known) + first)
-    unexplained = pools_of(links, ~known & (fractions(view.count)[:, SUPPORT] < EXPLAINED))
+    near, first = neighbourhood_of(np.asarray(view.points, np.float64)), view.element.max(initial=-1) + 1
+    surface = np.where(known, view.element, pools_of(near, ~known) + first)
+    unexplained = pools_of(near, ~known & (fractions(view.count)[:, SUPPORT] < EXPLAINED))
     return surface, np.where(known, view.element, np.where(unexplained >= 0, unexplained + first, -1))
 
 
