@@ -170,7 +170,7 @@ def reliability_curves(sums: Mapping[str, Reliability], path: Path | str, title:
         path: file to write.
         title: above both panels.
     """
-    figure = Figure((9.6, 4.4), layout="constrained")
+    figure = Figure((9.6, 4.2 + 0.15 * len(sums)), layout="constrained")
     axes, counts = figure.subplots(1, 2)
     axes.plot([0, 1], [0, 1], color=GREY, linestyle=":", label="perfect")
     edges = np.linspace(0.0, 1.0, RELIABILITY_BINS + 1)
@@ -180,11 +180,10 @@ def reliability_curves(sums: Mapping[str, Reliability], path: Path | str, title:
         told = f"{name}: ECE {calibration_error(one):.4f}, Brier {brier(one):.4f}"
         places = one.expected[held] / one.count[held], one.found[held] / one.count[held]
         axes.plot(*places, color=color, marker=marker, markersize=5, label=told)
-        counts.stairs(one.count, edges, color=color, label=name, linewidth=1.8)
+        counts.stairs(one.count, edges, color=color, linewidth=1.8)
     axes.set(xlabel="predicted probability", ylabel="share of points that changed", xlim=(0, 1), ylim=(0, 1.02))
-    axes.legend(loc="upper left")
     counts.set(xlabel="predicted probability", ylabel="points", yscale="log", xlim=(0, 1))
-    counts.legend()
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     if title:
         figure.suptitle(title)
     return save(figure, path)

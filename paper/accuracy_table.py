@@ -1,6 +1,6 @@
 """Markdown tables of what `python -m benchmarks.accuracy` measured.
 
-    python paper/accuracy_table.py runs/accuracy
+    python paper/accuracy_table.py runs/accuracy [--figure reliability.png]
 
 Reads the run folders and prints; rooms are scored by benchmarks.accuracy alone. First a line a row of the two main
 conditions, then a line a condition: of each method the worst of the eight rows.
@@ -10,11 +10,17 @@ import argparse
 import json
 from pathlib import Path
 
+import numpy as np
+
+from jaxmm.calibration import Reliability
+from jaxmm.figures import reliability_curves
+
+DRAWN, KINDS = ("unfiltered", "real_sensor"), ("clean", "occluded")
 METHODS = ("nn-raw", "rule", "evidence")
 MAIN = ("thesis", "varied")
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, figure: Path | None) -> None:
     for name in MAIN:
         print(f"{name}:\n")
         _print_lines(["row", "rooms", "observable", *METHODS, "lower ends"], _rows_of(folder / name))
@@ -22,6 +28,15 @@ def main(folder: Path) -> None:
     print("the worst row of each condition:\n")
     told = ["condition", "rooms a row", *METHODS, "ECE clean", "ECE occluded", "Brier clean", "Brier occluded"]
     _print_lines(told, [_worst(folder, name) for name in sorted(names, key=_order)])
+    if figure:
+        drawn = [name for name in DRAWN if name in names]
+        sums = {f"{name.replace('_', ' ')}, {kind}": _sums(folder / name, kind) for name in drawn for kind in KINDS}
+        reliability_curves(sums, figure, "Probabilities on test rooms, true labels")
+
+
+def _sums(folder: Path, kind: str) -> Reliability:
+    told = json.loads((folder / "reliability.json").read_text())["evidence"][f"all {kind}"]
+    return Reliability(*(np.array(told[name]) for name in Reliability._fields))
 
 
 def _order(name: str) -> tuple[bool, str]:
@@ -73,4 +88,6 @@ def _print_lines(header: list[str], lines: list[list[str]]) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="what benchmarks.accuracy wrote with --out")
-    main(parser.parse_args().folder)
+    parser.add_argument("--figure", type=Path, help="also draw how reliable probabilities are")
+    options = parser.parse_args()
+    main(options.folder, options.figure)

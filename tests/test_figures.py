@@ -312,7 +312,7 @@ def test_reliability_shows_frequencies_over_probabilities(tmp_path):
     _, honest, boastful = figure.axes[0].get_lines()
     np.testing.assert_allclose(honest.get_ydata(), honest.get_xdata(), atol=0.05)
     np.testing.assert_allclose(boastful.get_ydata(), boastful.get_xdata() / 2, atol=0.05)
-    told = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    told = [text.get_text() for text in figure.legends[0].get_texts()]
     assert told[1].startswith("honest: ECE 0.0") and told[2].startswith("boastful: ECE 0.2")
     reliability_curves(sums, tmp_path / "b.png", "title")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
