@@ -10,6 +10,7 @@ import numpy as np
 from jaxmm.cloud_sighting import CloudPair, frame_of_pair, prior_view, robot_view
 from jaxmm.evidence import features_of
 from jaxmm.inputs import InputError
+from jaxmm.overlap import check_pair
 from jaxmm.thesis import ThesisScan
 from jaxmm.viewpoint import Viewpoint, estimate
 
@@ -20,8 +21,9 @@ def viewpoint_of(scan: ThesisScan) -> Viewpoint:
     """Where both scans of a pair were taken from: of the two estimates the one that is surer.
 
     Raises:
-        InputError: neither scan tells.
+        InputError: neither scan tells, or they are of different units or places.
     """
+    check_pair(scan.other, scan.points)
     found, failed = [], []
     for points in (scan.points, scan.other):
         try:

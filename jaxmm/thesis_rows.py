@@ -53,9 +53,13 @@ def score_repository(root: Path, method: str, weights: Path | None, model: Path 
     blind = _scorers(method, weights or root, model, scenarios, elements=False) if gathers else {}
     rows = []
     for pair in pairs:
-        rows.append(score_pair(pair, scorers[pair.scenario], _box_finder(pair.scenario, method)))
-        if gathers:
-            rows[-1]["without_elements"] = score_pair(pair, blind[pair.scenario])["by_element"]
+        try:
+            rows.append(score_pair(pair, scorers[pair.scenario], _box_finder(pair.scenario, method)))
+            if gathers:
+                rows[-1]["without_elements"] = score_pair(pair, blind[pair.scenario])["by_element"]
+        except InputError as error:
+            named = str(pair.scored.parent) in str(error)
+            raise InputError(str(error) if named else f"{pair.scored}: {error}") from error
         print(_line(rows[-1]))
     write_json(out, {"rows": rows, "meta": {"method": method, "versions": versions()}})
 

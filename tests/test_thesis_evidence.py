@@ -1,6 +1,7 @@
 """Evidence of scan pairs in the thesis's layout, on rooms of our own whose truth is known."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -73,10 +74,30 @@ def test_the_command_tells_what_elements_are_worth(written, tmp_path):
     assert "without_elements" not in raw
 
 
-def test_the_method_needs_models_that_were_trained_for_it(written, tmp_path, refused):
-    out = tmp_path / "out.json"
-    refused(["thesis", written[0], "--method", "evidence", "--out", out], "--model")
-    refused(["thesis", written[0], "--method", "rule", "--model", "x", "--out", out], "--model")
+def test_the_default_models_rank_what_changed_first(written, tmp_path):
+    root, scenario, _ = written
+    out = tmp_path / "evidence.json"
+    assert cli.main(["thesis", str(root), "--method", "evidence", "--out", str(out)]) == 0
+    (row,) = json.loads(out.read_text())["rows"]
+    assert row["scenario"] == scenario and row["by_element"]["roc_auc"] > 0.995
+    assert row["without_elements"]["roc_auc"] > 0.98
+
+
+def test_what_cannot_be_compared_is_one_line(written, tmp_path, refused):
+    root, scenario, _ = written
+    refused(["thesis", root, "--method", "rule", "--model", "x", "--out", tmp_path / "out.json"], "--model")
+    copy = tmp_path / "copy"
+    shutil.copytree(root, copy)
+    (other,) = (copy / "datasets" / f"dataset_{scenario}").rglob(
+        f"npy_files*/*_{'robot' if scenario.endswith('removed') else 'dt'}_scan_x.npy"
+    )
+    points = np.load(other)
+    arguments = ["thesis", copy, "--method", "evidence", "--out", tmp_path / "out.json"]
+    np.save(other, points * 1000)
+    refused(arguments, other.parents[0], "in millimetres")
+    np.save(other, points + 100.0)
+    refused(arguments, other.parents[0], "0.0% of its points")
+    assert not (tmp_path / "out.json").exists()
 
 
 def test_the_rule_scores_by_pools_and_columns():
