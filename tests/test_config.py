@@ -90,7 +90,7 @@ def test_settings_written_to_a_run_folder_read_back_equal():
         pytest.param("train = 3", ["train: expected a table, got 3"], id="no table"),
         pytest.param("room = 3", ["room: expected a table, got 3"], id="no room table"),
         pytest.param("[preprocess]\nobject_filter = 'all'", ["none, mixed, got 'all'"], id="another word"),
-        pytest.param("[train]\nlabels = 'both'", ["heuristic, true, got 'both'"], id="other labels"),
+        pytest.param("[train]\nlabels = 'both'", ["heuristic, true, object, got 'both'"], id="other labels"),
         pytest.param("[train]\nmethods = ['knn']", ["train: methods", "xyz_nn", "got ['knn']"], id="other method"),
         pytest.param("[train]\nmethods = []", ["methods", "at least one"], id="no method"),
         pytest.param("[train]\nmethods = ['nn', 'nn']", ["each method once"], id="a method twice"),

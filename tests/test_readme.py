@@ -6,19 +6,26 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "paper").glob("*.md"), *(ROOT / "benchmarks").glob("*.md")])
+FOLDERS = (".", "paper", "benchmarks", "jaxmm/weights")
+TEXTS = sorted(path for folder in FOLDERS for path in (ROOT / folder).glob("*.md"))
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_local_links_and_images_exist(path):
     for target in re.findall(r"\]\(([^)\s]+)\)", path.read_text()):
-        if "://" not in target and not target.startswith("#"):
-            assert (path.parent / target).exists(), target
+        if "://" in target:
+            continue
+        name, _, heading = target.partition("#")
+        found = path.parent / name if name else path
+        assert found.exists(), target
+        if heading:
+            titles = re.findall(r"^#+ (.+)$", found.read_text(), re.MULTILINE)
+            assert heading in {re.sub(r"[^a-z0-9 -]", "", title.lower()).replace(" ", "-") for title in titles}, target
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_no_placeholder_is_left(path):
-    assert not re.search(r"\b(DEMO_[A-Z]+|TBD)\b", path.read_text())
+    assert not re.search(r"\b(DEMO_[A-Z]+|TBD)\b|@@", path.read_text())
 
 
 def test_commands_and_configs_of_the_readme_exist():
