@@ -16,7 +16,8 @@ from sklearn.isotonic import IsotonicRegression
 KNOTS = 32
 BINS = 400  # of equally many points, whose rates isotonic regression smooths
 END = 40.0  # logits beyond are as good as certain
-LEAST_RISE = 1e-4  # of the map from knot to knot, which keeps the order of points
+SURE, SUREST = 12.0, 15.0  # calibrated logits beyond the first are drawn together, to end at the second
+LEAST_RISE = 1e-3  # of the map from knot to knot, which keeps the order of points
 TEMPERATURES = (0.05, 20.0)
 
 
@@ -110,14 +111,20 @@ def _isotonic(logit: np.ndarray, label: np.ndarray) -> Calibration:
     share = (np.bincount(step, found) + 0.5) / (total + 1.0)  # no frequency of finitely many points is 0 or 1
     x, y = np.bincount(step, middle * count) / total, np.log(share / (1.0 - share))
     knots = np.interp(np.linspace(0.0, 1.0, KNOTS - 2), np.linspace(0.0, 1.0, len(x)), x)
-    ends = [min(-END, knots[0] - 1.0)], [max(END, knots[-1] + 1.0)]
     values = np.interp(knots, x, y)
-    return _as_knots(np.concatenate([ends[0], knots, ends[1]]), np.concatenate([values[:1], values, values[-1:]]))
+    # Beyond its outermost steps nothing is known but the order, which logits keep: they rise as they would alone.
+    ends = min(-END, knots[0] - 1.0), max(END, knots[-1] + 1.0)
+    outside = values[0] + ends[0] - knots[0], values[-1] + ends[1] - knots[-1]
+    return _as_knots(np.array([ends[0], *knots, ends[1]]), np.array([outside[0], *values, outside[1]]))
 
 
 def _as_knots(logit: np.ndarray, calibrated: np.ndarray) -> Calibration:
     rise = LEAST_RISE * np.arange(KNOTS)
-    return Calibration((logit + rise).astype(np.float32), (np.maximum.accumulate(calibrated) + rise).astype(np.float32))
+    calibrated = np.maximum.accumulate(calibrated) + rise
+    # Single precision tells probabilities apart up to about 1 - 1e-7, so what lies beyond is drawn together below that.
+    beyond = np.maximum(calibrated - SURE, 0.0)
+    calibrated = np.minimum(calibrated, SURE) + beyond * (SUREST - SURE) / max(SUREST - SURE, beyond.max())
+    return Calibration((logit + rise).astype(np.float32), calibrated.astype(np.float32))
 
 
 def _log_loss(logit: np.ndarray, label: np.ndarray) -> float:

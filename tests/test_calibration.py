@@ -4,8 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxmm import runs
 from jaxmm.calibration import (
     KNOTS,
+    Calibration,
     Reliability,
     apply,
     brier,
@@ -14,6 +16,7 @@ from jaxmm.calibration import (
     reliability,
 )
 from jaxmm.train import Model, probabilities
+from jaxmm.weights import DEFAULT
 
 
 def drawn(count, distort, seed=0):
@@ -27,7 +30,7 @@ def drawn(count, distort, seed=0):
 def test_a_temperature_is_found():
     logit, label, cloud, true = drawn(200_000, lambda x: 3.0 * x)
     found, report = calibrate(logit, label, cloud)
-    assert report["kind"] == "temperature" or report["log_loss"]["isotonic"] <= report["log_loss"]["temperature"]
+    assert report["log_loss"][report["kind"]] < 0.95 * report["log_loss"]["none"]
     inside = np.abs(true) < 4
     np.testing.assert_allclose(apply(found, logit)[inside], true[inside], atol=0.25)
 
@@ -47,6 +50,20 @@ def test_ranks_stay(distort):
     found, _ = calibrate(logit, label, cloud)
     assert np.shape(found.logit) == np.shape(found.calibrated) == (KNOTS,)
     assert np.all(np.diff(found.logit) > 0) and np.all(np.diff(found.calibrated) > 0)
+    assert_order_kept(found)
+
+
+def assert_order_kept(found):
+    """Single-precision probabilities of ever larger logits never fall, and hardly any two of them are the same."""
+    grid = np.linspace(-20, 20, 400, dtype=np.float32)
+    probability = 1 / (1 + np.exp(-np.interp(grid, found.logit, found.calibrated).astype(np.float32)))
+    assert np.all(np.diff(probability) >= 0) and len(np.unique(probability)) > 300
+
+
+def test_the_default_models_keep_the_order_of_logits():
+    calibration = runs.load_models(DEFAULT)[0]["evidence"].calibration
+    for logit, calibrated in zip(calibration.logit, calibration.calibrated, strict=True):
+        assert_order_kept(Calibration(logit, calibrated))
 
 
 @pytest.mark.parametrize("label", [np.zeros(50, bool), np.ones(50, bool), np.arange(50) == 3])
