@@ -49,6 +49,8 @@ KINDS = {"geometry": {"object_filter": "none"}, "clouds, no ids": {"object_filte
 
 
 def main(run: Path, out: Path, rooms: int, steps: int) -> None:
+    if out.exists() and any(out.iterdir()):
+        raise SystemExit(f"{out}: expected a new folder, for checkpoints in it may be of other settings")
     config = runs.read_config(run)
     splits = [[training_clouds(config, run, name, split) for name in SCENARIOS] for split in ("train", "validation")]
     short = dataclasses.replace(config, train=dataclasses.replace(config.train, step_count=steps))
@@ -87,7 +89,8 @@ def _with_filled(config: Config, scenario: str, rooms: int) -> Iterator[tuple[La
             if scenario.endswith("removed"):
                 other = fill_holes(robot[row].points, pairs.pose.position[row], dt[row].points)
             else:
-                other = dt[row].points
+                yield cloud, cloud.distance  # the DT scan has no holes to fill
+                continue
             far = np.full(len(cloud.points), 50.0, np.float32)
             yield cloud, nearest_distance(cloud.points, other) if len(other) else far
 
@@ -135,7 +138,7 @@ def _row(scored: Scored, score: Callable[[LabelledCloud, str, np.ndarray], np.nd
             if np.sum(label & ~void) >= 20:
                 metrics = point_metrics(score(cloud, scenario, filled), label, void)
                 found.append((metrics.roc_auc, metrics.precision_at_95))
-        row[scenario] = tuple(np.mean(found, axis=0).tolist())
+        row[scenario] = tuple(np.mean(found, axis=0).tolist()) if found else (np.nan, np.nan)
     return row
 
 

@@ -9,11 +9,14 @@ and precision at 95 % recall of each method, true labels, and the lower ends of 
 
 import argparse
 import dataclasses
+import hashlib
 from pathlib import Path
 from typing import Any
 
 from jaxmm import reproduce, runs, tables
 from jaxmm.config import Config, Table
+from jaxmm.files import load_json, write_json
+from jaxmm.inputs import InputError
 from jaxmm.weights import DEFAULT
 
 MARGIN = 0.1  # [m] ranges must differ by more to be testable; with noise, by three standard deviations more
@@ -70,11 +73,22 @@ def main(model: Path, out: Path, rooms: int, only: list[str]) -> None:
     for name in only or CONDITIONS:
         config, folder = condition_config(trained, name, rooms), out / name
         with runs.open_run(folder, config):
+            _check_model(model, folder)
             scores = reproduce.evaluate_stage(config, folder, models, config.data.test_rooms, reproduce.EVERY_ROW)
             reproduce.write_results(config, folder, folder, scores)
         print(name)
         for line in _lines(tables.read_rows(folder)):
             print(f"  {line}", flush=True)
+
+
+def _check_model(model: Path, folder: Path) -> None:
+    """Refuse to go on with rooms that other models scored."""
+    path = model / runs.MODELS if model.is_dir() else model
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    told = folder / "model.json"
+    if told.exists() and load_json(told) != digest:
+        raise InputError(f"{folder}: holds scores of another model; choose another --out or remove it")
+    write_json(told, digest)
 
 
 def _lines(rows: list[tables.Row]) -> list[str]:
@@ -84,6 +98,8 @@ def _lines(rows: list[tables.Row]) -> list[str]:
 
 
 def _line(rows: list[tables.Row]) -> str:
+    if rows[0]["roc_auc"] is None:
+        return f"{rows[0]['test_case']:15s} {rows[0]['condition']:9s} no room with enough points of the change"
     scores = [f"{row['method']} {row['roc_auc']:.4f}/{row['precision_at_95']:.3f}" for row in rows]
     last = rows[-1]["ci95"]
     low = f"from {last['roc_auc'][0]:.4f}/{last['precision_at_95'][0]:.3f}" if last["roc_auc"] else "one room"

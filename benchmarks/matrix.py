@@ -4,7 +4,7 @@
 
 Rooms are varied ones of the test seed, occluded, with an ideal sensor. A model that looks at the side where the change
 shows is asked to rank the changed points (ROC AUC, true labels); one that looks at the other side should find nothing,
-and of it is told how many of all points it takes for changed.
+and of it is told how many of the unchanged points it takes for changed.
 """
 
 import argparse
@@ -46,7 +46,7 @@ def _cell(config: Config, models: Model, scene: str, scenario: str) -> dict:
         features = features_of(METHOD, cloud.points, cloud.distance, cloud.evidence)
         score = evaluate.predict(model, features, config.network)
         label, void = labels_of(cloud, "true")
-        alarms.append(float(np.mean(score[~label] >= 0.5)))
+        alarms += [float(np.mean(score[~label] >= 0.5))] if np.any(~label) else []
         if same and np.sum(label & ~void) >= config.evaluate.least_positives:
             found.append(point_metrics(score, label, void).roc_auc)
     auc = float(np.mean(found)) if found else None

@@ -27,13 +27,16 @@ def fill_holes(points: np.ndarray, sensor: np.ndarray, inside: np.ndarray) -> np
         return np.asarray(points, np.float32)
     known, reach = _angles(points, sensor)
     wanted, _ = _angles(inside, sensor)
-    middle = np.median(wanted[:, 0])  # azimuths are counted from here, so that none jumps by a turn
+    # Azimuths are counted from their mean on the circle, so that none jumps by a turn.
+    middle = np.arctan2(np.sin(wanted[:, 0]).mean(), np.cos(wanted[:, 0]).mean())
     for angles in (known, wanted):
         angles[:, 0] = (angles[:, 0] - middle + np.pi) % (2 * np.pi) - np.pi
     cells = np.unique(np.round(wanted / SPACING), axis=0) * SPACING
     hole = cells[cKDTree(known).query(cells)[0] > OPEN * SPACING]
     # Of directions that are known twice the first counts: a triangulation cannot hold both.
     first = np.unique(np.round(known / 1e-6), axis=0, return_index=True)[1]
+    if not len(hole) or np.linalg.matrix_rank(known[first] - known[first].mean(axis=0), 1e-6) < 2:
+        return np.asarray(points, np.float32)  # directions on one line surround nothing
     inverse = LinearNDInterpolator(known[first], 1.0 / np.maximum(reach[first], 1e-3))(hole)
     hole, inverse = hole[np.isfinite(inverse)], inverse[np.isfinite(inverse)]
     azimuth, elevation = hole[:, 0] + middle, hole[:, 1]

@@ -16,7 +16,7 @@ import numpy as np
 from jaxmm.inputs import InputError
 
 MOST_POINTS = 2_000_000_000  # more than that is a damaged header
-LEAST_BYTES = {".ply": 3, ".las": 20, ".pcd": 3}  # of a point, by which a promised number is checked against the file
+LEAST_BYTES = {".ply": 3, ".las": 20}  # of a point, by which a promised number is checked against the file
 EXTRA = "needs the extra formats: pip install 'jaxmm[formats]'"
 
 
@@ -95,8 +95,10 @@ def _read_ply(path: Path) -> list[_Raw]:
             raise InputError(f"{path}: expected vertices before all other elements")
         if is_ascii:
             names = list(vertex["properties"])
-            columns = [names.index(axis) for axis in "xyz"]
-            return [_Raw(np.loadtxt(file, usecols=columns, max_rows=vertex["length"], ndmin=2))]
+            lines = [line for _, line in zip(range(vertex["length"]), file, strict=False)]
+            if len(lines) < vertex["length"] or not all(len(line.split()) == len(names) for line in lines):
+                raise InputError(f"{path}: expected {vertex['length']} vertices of {len(names)} numbers, found others")
+            return [_Raw(np.loadtxt(lines, usecols=[names.index(axis) for axis in "xyz"], ndmin=2))]
         if any("LIST" in kind for kind in vertex["properties"].values()):
             raise InputError(f"{path}: expected vertices of plain numbers, found lists in them")
         kind = np.dtype(list(vertex["properties"].items()))
@@ -222,10 +224,10 @@ def _read_npz(path: Path) -> list[_Raw]:
 
 
 def _check_count(path: Path, count: int) -> None:
-    """Refuse a number of points that the file cannot hold, before memory is taken for them."""
+    """Refuse a number of points that no file holds or, where they are not packed, not this one."""
     least = LEAST_BYTES.get(path.suffix.lower(), 0)
     size = path.stat().st_size
-    if not 0 < count <= MOST_POINTS or (least and path.suffix.lower() != ".pcd" and count * least > size):
+    if not 0 < count <= MOST_POINTS or count * least > size:
         raise InputError(f"{path}: expected points that fit into its {size} bytes, its header promises {count}")
 
 
@@ -235,5 +237,5 @@ def _line(error: Exception) -> str:
 
 READERS: dict[str, Callable[[Path], Any]] = {
     ".ply": _read_ply, ".pcd": _read_pcd, ".e57": _read_e57, ".las": _read_las, ".laz": _read_las, ".csv": _read_csv,
-    ".npy": _read_npy, ".npz": _read_npz, ".xyz": _read_csv, ".txt": _read_csv, ".asc": _read_csv, ".pts": _read_csv,
+    ".npy": _read_npy, ".npz": _read_npz, ".xyz": _read_csv, ".txt": _read_csv, ".asc": _read_csv,
 }  # fmt: skip

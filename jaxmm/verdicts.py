@@ -33,6 +33,7 @@ class Verdict(NamedTuple):
 
 def verdicts_of(
     elements: np.ndarray,
+    scanned: np.ndarray,
     seen: tuple[np.ndarray, np.ndarray, np.ndarray],
     settings: VerdictSettings | None = None,
 ) -> list[Verdict]:
@@ -42,6 +43,7 @@ def verdicts_of(
 
     Args:
         elements: (E,) int, all that a verdict is wanted for, in view or not.
+        scanned: (E,) bool, whether any ray of the pattern reaches it in the prior, before filters and thinning.
         seen: of the DT scan's points their element (N,), the robot's rays in their footprints (N, 4) in the order of
             evidence.FRACTIONS, and the probability (N,) that each is gone: the greater of the pillar's and the wall's
             model, for a wall seen end-on looks like a pillar.
@@ -54,17 +56,18 @@ def verdicts_of(
     owner, count, probability = (np.asarray(field) for field in seen)
     if count.shape != (len(owner), 4) or probability.shape != owner.shape:
         raise ValueError(f"seen must be (N,), (N, 4), (N,), got {owner.shape}, {count.shape}, {probability.shape}")
-    return [_verdict(int(element), owner == element, count, probability, settings) for element in elements]
+    columns = count, probability, settings
+    return [_verdict(int(one), there, owner == one, *columns) for one, there in zip(elements, scanned, strict=True)]
 
 
 def _verdict(
-    element: int, own: np.ndarray, count: np.ndarray, probability: np.ndarray, settings: VerdictSettings
+    element: int, scanned: bool, own: np.ndarray, count: np.ndarray, probability: np.ndarray, settings: VerdictSettings
 ) -> Verdict:
     rays = count[own].sum(axis=0).astype(np.int64)
     told = count[own][:, [THROUGH, SUPPORT]].sum(axis=1)
     total, points = int(told.sum()), int(own.sum())
     shape = (points, tuple(int(value) for value in rays))
-    if not points:
+    if not scanned:
         return Verdict(element, UNSCANNED, settings.change_prior, *shape)
     if total < settings.least_rays or total < settings.least_share * rays[[THROUGH, SUPPORT, BLOCKED, UNSEEN]].sum():
         return Verdict(element, OCCLUDED, settings.change_prior, *shape)

@@ -56,7 +56,8 @@ def _rows_of(folder: Path) -> list[list[str]]:
     lines = []
     for (case, condition), methods in _table(folder).items():
         last = methods["evidence"]
-        low = f"{last['ci95']['roc_auc'][0]:.4f} / {last['ci95']['precision_at_95'][0]:.3f}"
+        ends = [last["ci95"][name] for name in ("roc_auc", "precision_at_95")]
+        low = f"{ends[0][0]:.4f} / {ends[1][0]:.3f}" if all(ends) else "-"
         rooms = f"{last['scene_count']}/{last['room_count']}"
         scores = [_scores(methods[name]) for name in METHODS]
         lines.append([f"{case} {condition}", rooms, f"{last['observable_share']:.2f}", *scores, low])
@@ -69,14 +70,15 @@ def _worst(folder: Path, name: str) -> list[str]:
     errors = [f"{told[f'all {kind}'][key]:.4f}" for key in ("ece", "brier") for kind in ("clean", "occluded")]
     scores = []
     for method in METHODS:
-        rows = [methods[method] for methods in table.values()]
-        scores.append(_scores({key: min(row[key] for row in rows) for key in ("roc_auc", "precision_at_95")}))
+        rows = [methods[method] for methods in table.values() if methods[method]["roc_auc"] is not None]
+        keys = ("roc_auc", "precision_at_95")
+        scores.append(_scores({key: min((row[key] for row in rows), default=None) for key in keys}))
     rooms = str(next(iter(table.values()))["evidence"]["room_count"])
     return [name.replace("_", " "), rooms, *scores, *errors]
 
 
 def _scores(row: dict) -> str:
-    return f"{row['roc_auc']:.4f} / {row['precision_at_95']:.3f}"
+    return "-" if row["roc_auc"] is None else f"{row['roc_auc']:.4f} / {row['precision_at_95']:.3f}"
 
 
 def _print_lines(header: list[str], lines: list[list[str]]) -> None:

@@ -188,7 +188,7 @@ def test_evidence_without_errors_is_the_truth(seen):
 def test_a_shadow_is_blocked_or_unseen_and_never_a_candidate(seen):
     scenario, pairs, views, kept = seen
     if scenario != "wall_removed":
-        return
+        pytest.skip("shadows are of points of the prior")
     hidden = 0
     for row, (told, (_, pixel)) in enumerate(zip(views, kept, strict=True)):
         shadow = pairs.robot.distance[row, pixel] < pairs.dt.distance[row, pixel] - 0.1

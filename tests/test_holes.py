@@ -42,3 +42,9 @@ def test_a_view_across_the_seam_of_azimuths():
     hidden = np.linalg.norm((turned - SENSOR)[:, 1:], axis=1) < 0.5
     new = fill_holes(turned[~hidden], SENSOR, turned)[(~hidden).sum() :] - SENSOR
     assert len(new) > 50 and np.all(np.abs(new[:, 0] + 3.0) < 0.05)
+
+
+def test_directions_on_one_line_surround_nothing():
+    row = wall(3.0)[:40]
+    for points in (row, np.repeat(row[:1], 50, axis=0)):
+        assert len(fill_holes(points, SENSOR, wall(3.0))) == len(points)

@@ -28,3 +28,10 @@ def test_other_units_are_named(factor, unit):
 def test_another_place_is_refused_with_the_share():
     with pytest.raises(InputError, match=r"^expected a scan of the prior's place, got 0.0% of its points"):
         check_pair(ROOM, ROOM + np.array([40.0, 0, 0]))
+
+
+def test_feet_are_told_though_floors_overlap():
+    with pytest.raises(InputError, match="the scan seems to be in feet"):
+        check_pair(ROOM, ROOM / 0.3048)
+    with pytest.raises(InputError, match="the prior seems to be in feet"):
+        check_pair(ROOM / 0.3048, ROOM)

@@ -161,3 +161,11 @@ def test_real_scans(data_root):
     folder = data_root / "scans"
     assert len(read_scans(folder / "pcl_office1.pcd")[0].points) == 254_456
     assert len(read_scans(folder / "pye57_pump.e57")[0].points) == 155_201
+
+
+@pytest.mark.parametrize("body", ["1 2 3\n" * 5, "1 2 3\n" * 5 + "3 0 1 2\n" * 6], ids=["too few", "faces instead"])
+def test_text_that_is_no_vertices_is_refused(tmp_path, body):
+    header = "ply\nformat ascii 1.0\nelement vertex 10\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+    (tmp_path / "a.ply").write_text(header + "end_header\n" + body)
+    with pytest.raises(InputError, match="10 vertices of 3 numbers"):
+        read_scans(tmp_path / "a.ply")

@@ -39,20 +39,20 @@ def seen(rays, probability, element=None):
     ],
 )
 def test_what_rays_tell(rays, probability, expected):
-    (found,) = verdicts_of(np.array([0]), seen(rays, probability))
+    (found,) = verdicts_of(np.array([0]), [True], seen(rays, probability))
     assert found.verdict == expected and found.rays == tuple(rays[0]) and found.points == 1
     prior = VerdictSettings().change_prior
     assert found.probability == (pytest.approx(probability) if expected in (PRESENT, REMOVED) else prior)
 
 
 def test_what_is_not_in_the_scan_is_unscanned():
-    found = verdicts_of(np.array([5, 0]), seen([[0, 30, 0, 0]], 0.1))
-    assert [one.verdict for one in found] == [UNSCANNED, PRESENT] and found[0].rays == (0, 0, 0, 0)
+    found = verdicts_of(np.array([5, 6, 0]), [False, True, True], seen([[0, 30, 0, 0]], 0.1))
+    assert [one.verdict for one in found] == [UNSCANNED, OCCLUDED, PRESENT] and found[0].rays == (0, 0, 0, 0)
 
 
 def test_points_that_no_ray_tells_of_do_not_vote():
     rays, probability = np.array([[30, 0, 0, 0], [0, 0, 500, 0]]), np.array([1, 0])
-    (found,) = verdicts_of(np.array([0]), (np.zeros(2, int), rays, probability))
+    (found,) = verdicts_of(np.array([0]), [True], (np.zeros(2, int), rays, probability))
     assert found.verdict == REMOVED and found.probability == 1.0
 
 
@@ -74,10 +74,11 @@ def test_verdicts_agree_with_the_truth():
         features = features_of(view, frame)
         probability = np.max([predict(judge, features, trained.network) for judge in judges], axis=0)
         walls = np.unique(pairs.prior.element[row][pairs.prior.semantic[row] == WALL])
-        for one in verdicts_of(walls, (view.element, view.count, probability)):
+        scanned = np.isin(walls, pairs.dt.element[row])
+        found_here = verdicts_of(walls, scanned, (view.element, view.count, probability))
+        for one, reached in zip(found_here, scanned, strict=True):
             gone = one.element == pairs.box.element[row, 0]
             assert one.verdict != (PRESENT if gone else REMOVED), (row, one)
-            in_view = np.any(view.element == one.element)
-            assert (one.verdict == UNSCANNED) == (not in_view)
+            assert (one.verdict == UNSCANNED) == (not reached)
             found[one.verdict] += 1
     assert found[REMOVED] >= 18 and found[PRESENT] >= 18 and found[UNSCANNED] > 0
