@@ -22,7 +22,7 @@ from jaxmm.weights import DEFAULT
 MARGIN = 0.1  # [m] ranges must differ by more to be testable; with noise, by three standard deviations more
 IDEAL = {"sensor": "oak-d-pro-small", "position_error": 0.0, "angle_error": 0.0, "range_noise": 0.0,
          "range_noise_spread": 0.0, "erring_share": 1.0}  # fmt: skip
-PLAIN = {"object_filter": "height", "evidence": "exact", "registration": "none"}
+PLAIN = {"object_filter": "height", "evidence": "exact", "registration": "none", "viewpoint_estimated": 0.0}
 
 
 def _noisy(sigma: float) -> dict[str, Any]:
@@ -41,6 +41,7 @@ CONDITIONS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "unfiltered": ({}, {"object_filter": "none"}),
     "clouds": ({}, {"evidence": "cloud"}),
     "clouds_without_elements": ({}, {"evidence": "points"}),
+    "clouds_without_pose": ({}, {"evidence": "points", "viewpoint_estimated": 1.0}),
     "real_sensor": ({"sensor": "oak-d-pro-small-real"}, {}),
     "noise_0.02": (_noisy(0.02), {}),
     "noise_0.1": (_noisy(0.1), {}),

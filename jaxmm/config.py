@@ -102,6 +102,8 @@ class PreprocessConfig:
     evidence: str = one_of("none", "none", "exact", "cloud", "points", "mixed")
     registration: str = one_of("none", "none", "refine")  # of the robot scan, before the DT scan is taken from its pose
     viewpoint_error: float = bounded(0.03, 0.0, 1.0)  # [m] standard deviation of each coordinate, for cloud and points
+    # Share of those whose viewpoint is estimated from the clouds themselves instead, where they tell it; pinholes only.
+    viewpoint_estimated: float = bounded(0.0, 0.0, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,11 +10,14 @@ import numpy as np
 from jaxmm.cloud_sighting import CloudPair, frame_of_pair, prior_view, robot_view
 from jaxmm.config import Config
 from jaxmm.evidence import features_of
+from jaxmm.inputs import InputError
 from jaxmm.sides import own_draws
 from jaxmm.sighting import expected_of, frames_of, prior_views, robot_views
 from jaxmm.simulator import CloudSource, pair_config
+from jaxmm.viewpoint import estimate
 from warp_scanner.pairs import Pairs, pairs_at
 from warp_scanner.points import Kept
+from warp_scanner.sensors import Pinhole, Sensor
 
 KINDS = ("exact", "cloud", "points")
 SHARES = (0.5, 0.25, 0.25)  # of the kinds, where they are mixed
@@ -78,13 +81,29 @@ def _from_clouds(
 ) -> np.ndarray:
     """From both clouds as they are left after preprocessing, and a viewpoint that is not quite right."""
     (pairs, row, elements_known), (judged, other, apart) = which, seen
-    sensor = pairs.pose.position[row] + config.preprocess.viewpoint_error * rng.standard_normal(3)
     removed = source.scenario.endswith("removed")
     prior, robot = (judged, other) if removed else (other, judged)
+    sensor = pairs.pose.position[row] + config.preprocess.viewpoint_error * rng.standard_normal(3)
+    if rng.random() < config.preprocess.viewpoint_estimated:
+        told = _estimated(
+            (prior.points, robot.points), pair_config(config, source).sensor, float(pairs.pose.pitch[row])
+        )
+        sensor = sensor if told is None else told
     element = pairs.dt.element[row, prior.pixel] if elements_known else None
     pair = CloudPair(prior.points, robot.points, sensor, element)
     view = prior_view(pair, apart, 1) if removed else robot_view(pair, apart, 1)
     return features_of(view, frame_of_pair(pair))
+
+
+def _estimated(clouds: tuple[np.ndarray, ...], sensor: Sensor, pitch: float) -> np.ndarray | None:
+    """Where the clouds were scanned from, as the first of them that tells says; None where none does."""
+    if isinstance(sensor, Pinhole):
+        for points in clouds:
+            try:
+                return estimate(points, sensor.horizontal_fov, sensor.vertical_fov, pitch=pitch).position
+            except InputError:
+                continue
+    return None
 
 
 def _kind(config: Config, rng: np.random.Generator) -> str:

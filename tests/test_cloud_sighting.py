@@ -93,6 +93,18 @@ def test_every_kind_of_evidence_ranks_the_change_first(kind, scenario):
     assert checked > 3
 
 
+def test_an_estimated_viewpoint_is_as_good_as_the_true_one_and_a_wrong_one_is_not():
+    """Evidence from clouds that tell their own viewpoint, beside the true one and one that is half a metre off."""
+    source, told = CloudSource("wall_removed", "wall_removed", "clean", 3), []
+    for error, share in ((0.0, 0.0), (0.5, 1.0), (0.5, 0.0)):
+        changed = {"evidence": "points", "viewpoint_error": error, "viewpoint_estimated": share}
+        config = Config(scan=SMALL, preprocess=dataclasses.replace(Config().preprocess, **changed))
+        told.append([cloud.evidence for cloud, _ in clouds(config, source, np.arange(8))])
+    true, estimated, wrong = told
+    off = [[np.abs(a - b).mean() for a, b in zip(true, other, strict=True)] for other in (estimated, wrong)]
+    assert np.median(off[0]) < 0.25 * np.median(off[1])
+
+
 def test_mixed_evidence_is_one_of_the_three_kinds_room_by_room():
     source = CloudSource("wall_removed", "wall_removed", "occluded", 3)
     base = Config(scan=SMALL, preprocess=dataclasses.replace(Config().preprocess, viewpoint_error=0.0))
