@@ -1,0 +1,164 @@
+"""What a detection says, as typed objects and as the content of report.json.
+
+World frame of the prior: metres, z up. N points of all robot scans, M points of all scans of the prior, E elements of
+the prior, V vertices, T triangles.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxmm.boxes import Box, sentence
+from jaxmm.evidence import FRACTIONS
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+
+Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
+PLURAL = {"wall": "walls", "pillar": "pillars"}
+
+
+class Mismatch(NamedTuple):
+    """One changed object."""
+
+    object_type: str  # "pillar" | "wall"
+    mismatch_type: str  # "added" | "removed"
+    center: np.ndarray  # (3,) float64 [m] of the upright box
+    dimensions: np.ndarray  # (3,) float64 [m] full edges along the box's own axes
+    rotation: float  # yaw [deg] from world x to the box's first axis
+    probability: float  # that it is real
+    element: str | None = None  # GlobalId or node of the prior's element, of a removed one
+    moved_from: int | None = None  # of an added object: index of the removed one that it seems to be
+    observable_fraction: float | None = None  # of what would be seen of it if it stood alone; None where unknown
+    shape: str = "rectangular"  # "rectangular" | "round": the footprint
+
+
+class ElementVerdict(NamedTuple):
+    """What the scans say of one element of the prior."""
+
+    guid: str
+    ifc_class: str  # empty for meshes
+    name: str
+    storey: str  # name; empty where the file has none
+    verdict: str  # one of verdicts.VERDICTS
+    probability: float  # P(removed); the prior's own where nothing was seen
+    points: int  # of the prior's scans on it
+    rays: tuple[int, int, int, int]  # of the robot in the footprints of those, in the order of evidence.FRACTIONS
+    next_view: Pose | None = None  # of an occluded element: the nearest free place that would show it
+
+
+class ScanRecord(NamedTuple):
+    """One robot scan, and what it added."""
+
+    file: str
+    points: int  # in the file
+    pose: Pose  # as used, after registration
+    pose_source: str  # "given", "file" or "estimated"
+    deviation: Pose | None  # standard deviations of an estimated pose
+    registration: dict[str, float]  # shift [m], turn [deg], residual [m], overlap, overlap_before
+    told: dict[str, int]  # by verdict: elements whose verdict this scan changed, in the order of the scans
+    notes: tuple[str, ...] = ()
+
+
+class Drawing(NamedTuple):
+    """The points and surfaces behind a detection, for whoever draws it; thinned to about one point a voxel."""
+
+    origin: np.ndarray  # (3,) float64 [m] world position that all offsets count from
+    robot: np.ndarray  # (N, 3) float32 [m] offsets
+    robot_probability: np.ndarray  # (N,) float32 that the point is of an added object
+    robot_evidence: np.ndarray  # (N,) uint8 index into evidence.FRACTIONS of what most of its rays did
+    robot_scan: np.ndarray  # (N,) int32 number of the scan
+    prior: np.ndarray  # (M, 3) float32 [m] offsets
+    prior_probability: np.ndarray  # (M,) float32 that the point is gone
+    prior_evidence: np.ndarray  # (M,) uint8
+    prior_element: np.ndarray  # (M,) int32 index into `guid`; -1 where the prior has no elements
+    guid: tuple[str, ...]  # (E,) of every element of the prior, of whatever class
+    vertices: np.ndarray | None  # (V, 3) float32 [m] offsets of the prior's surface; None for a cloud
+    faces: np.ndarray | None  # (T, 3) int32
+    face_element: np.ndarray | None  # (T,) int32 index into `guid`
+    fields_of_view: tuple[np.ndarray, ...]  # of each scan: (4, 3) or (0, 3) float32, unit vectors of a camera's corners
+
+
+class Detection(NamedTuple):
+    """All that `jaxmm detect` found."""
+
+    mismatches: tuple[Mismatch, ...]
+    elements: tuple[ElementVerdict, ...]
+    scans: tuple[ScanRecord, ...]
+    registration: dict[str, Any]
+    settings: dict[str, Any]
+    timing: dict[str, float]  # [s] by stage
+    notes: tuple[str, ...]  # what a user must know of how files were read, a line each
+    drawing: Drawing
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The mismatches in words, one each."""
+        return tuple(sentence(box_of(one), one.mismatch_type) for one in self.mismatches)
+
+    def count(self, verdict: str) -> int:
+        """How many elements have a verdict."""
+        return sum(one.verdict == verdict for one in self.elements)
+
+    def summary(self) -> str:
+        """One line: how many mismatches, how many elements of which verdict."""
+        kinds = [(change, kind) for change in ("added", "removed") for kind in ("pillar", "wall")]
+        found = []
+        for change, kind in kinds:
+            count = sum(one.mismatch_type == change and one.object_type == kind for one in self.mismatches)
+            if count:
+                found.append(f"{count} {kind if count == 1 else PLURAL[kind]} {change}")
+        verdicts = ", ".join(f"{self.count(name)} {name}" for name in (PRESENT, REMOVED, OCCLUDED, UNSCANNED))
+        told = f"; of {len(self.elements)} elements {verdicts}" if self.elements else ""
+        return f"{', '.join(found) or 'no mismatch'}{told}"
+
+
+def box_of(mismatch: Mismatch) -> Box:
+    """The box that a mismatch fills."""
+    return Box(
+        mismatch.object_type, mismatch.center, mismatch.dimensions, mismatch.rotation, mismatch.shape,
+        mismatch.probability,
+    )  # fmt: skip
+
+
+def to_json(detection: Detection) -> dict[str, Any]:
+    """The content of report.json; valid against report_schema.json. Numbers that are not finite become null."""
+    return {
+        "mismatches": [_mismatch(one) for one in detection.mismatches],
+        "elements": [_element(one) for one in detection.elements],
+        "scans": [_scan(one) for one in detection.scans],
+        "sentences": list(detection.sentences),
+        "registration": _plain(detection.registration),
+        "settings": _plain(detection.settings),
+        "timing": {name: round(value, 4) for name, value in detection.timing.items()},
+        "notes": list(detection.notes),
+    }
+
+
+def _mismatch(one: Mismatch) -> dict[str, Any]:
+    return _plain(one._asdict() | {"probability": round(one.probability, 6)})
+
+
+def _element(one: ElementVerdict) -> dict[str, Any]:
+    evidence = {"points": one.points} | dict(zip(FRACTIONS, one.rays, strict=True))
+    told = one._asdict()
+    del told["points"], told["rays"]
+    return _plain(told | {"evidence": evidence, "probability": round(one.probability, 6)})
+
+
+def _scan(one: ScanRecord) -> dict[str, Any]:
+    return _plain(one._asdict())
+
+
+def _plain(value: Any) -> Any:
+    """NumPy and tuples to what JSON knows; micrometres are enough of any length."""
+    if isinstance(value, dict):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(one) for one in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return round(float(value), 6) if math.isfinite(value) else None
+    return value
