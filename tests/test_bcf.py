@@ -1,0 +1,415 @@
+import dataclasses
+import io
+import os
+import re
+import subprocess
+import sys
+import types
+import typing
+import zipfile
+from datetime import UTC, datetime, timedelta, timezone
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from detections import true_case
+
+from jaxmm.bcf import AUTHOR, write_bcf
+from jaxmm.report import Mismatch
+from jaxmm.snapshots import EDGES, best_scan, camera_at, corners_of, snapshot
+from jaxmm.topics import global_id, topics_of
+
+WHEN = datetime(2024, 2, 29, 12, 30, 15, tzinfo=UTC)
+NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")  # of xs:double, without INF and NaN
+HOSTILE = "a\x00\x0b<b & \"c\" 'd' ]]> \ud800\uffff ü 柱 \U0001f9f1\r\n\te " + "x" * 5000
+
+
+@pytest.fixture(scope="module")
+def detection(tmp_path_factory):
+    """Two removed objects."""
+    return true_case(tmp_path_factory.mktemp("case")).detection
+
+
+@pytest.fixture(scope="module")
+def moved(detection):
+    """The same, and the pillar found again elsewhere."""
+    wall, pillar = sorted(detection.mismatches, key=lambda one: one.object_type != "wall")
+    again = pillar._replace(
+        mismatch_type="added", center=pillar.center + np.array([1.5, -2.0, 0.0]), rotation=30.0, element=None,
+        moved_from=1, probability=0.75, observable_fraction=None,
+    )  # fmt: skip
+    return detection._replace(mismatches=(wall, pillar, again))
+
+
+@pytest.fixture(scope="module")
+def written(moved, tmp_path_factory):
+    """`moved` as a file."""
+    path = tmp_path_factory.mktemp("bcf") / "mismatches.bcf"
+    write_bcf(path, moved, "Tower & annex", WHEN)
+    return path
+
+
+@pytest.fixture
+def opened():
+    """Reads a file with bcf-client."""
+    reader = pytest.importorskip("bcf.v3.bcfxml").BcfXml
+    held = []
+
+    def read(path):
+        held.append(reader.load(path))
+        return held[-1]
+
+    yield read
+    for one in held:
+        one.close()
+
+
+def content_of(path):
+    with zipfile.ZipFile(path) as archive:
+        assert archive.testzip() is None
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def check_schema(content):
+    """Every file of an archive against buildingSMART's schemas, as bcf-client carries them."""
+    model = pytest.importorskip("bcf.v3.model")
+    kinds = {
+        "bcf.version": model.Version, "project.bcfp": model.ProjectInfo, "extensions.xml": model.Extensions,
+        "markup.bcf": model.Markup, "viewpoint.bcfv": model.VisualizationInfo,
+    }  # fmt: skip
+    assert {"bcf.version", "project.bcfp", "extensions.xml"} <= content.keys()
+    for name, data in content.items():
+        short = name.rpartition("/")[2]
+        if short in kinds:
+            root = ElementTree.fromstring(data)
+            assert root.tag == kinds[short].__name__
+            check_element(root, kinds[short])
+            if short == "viewpoint.bcfv":  # a choice, which the classes cannot say
+                assert sum(child.tag.endswith("Camera") for child in root) == 1
+        else:
+            assert short in ("", "snapshot.png"), name
+
+
+def check_element(element, kind):
+    """Names, order, counts and values of an element's attributes and children are those that its class asks for."""
+    hints = typing.get_type_hints(kind)
+    fields = {name: [] for name in ("Attribute", "Element")}
+    for field in dataclasses.fields(kind):
+        fields[field.metadata["type"]].append(field)
+    assert not (element.text or "").strip(), f"{element.tag}: text between elements"
+    assert element.attrib.keys() <= {field.metadata["name"] for field in fields["Attribute"]}, element.tag
+    for field in fields["Attribute"]:
+        if (value := element.get(field.metadata["name"])) is not None:
+            check_value(value, hints[field.name], field.metadata)
+        else:
+            assert not field.metadata.get("required"), f"{element.tag}: {field.name} is missing"
+    children = list(element)
+    for field in fields["Element"]:
+        count = 0
+        while children and children[0].tag == field.metadata["name"]:
+            child, inner = children.pop(0), plain_type(hints[field.name])
+            assert not (child.tail or "").strip(), f"{child.tag}: text after it"
+            if dataclasses.is_dataclass(inner):
+                check_element(child, inner)
+            else:
+                assert not len(child) and not child.attrib
+                check_value(child.text or "", inner, field.metadata)
+            count += 1
+        many = typing.get_origin(hints[field.name]) is list
+        least = field.metadata.get("min_occurs", 0) if many else bool(field.metadata.get("required"))
+        assert least <= count <= (count if many else 1), f"{element.tag}: {count} of {field.name}"
+    assert not children, f"{element.tag}: {children[0].tag} is not known, or not here"
+
+
+def plain_type(hint):
+    """X of X, X | None and list[X]."""
+    if typing.get_origin(hint) in (typing.Union, types.UnionType, list):
+        return next(one for one in typing.get_args(hint) if one is not type(None))
+    return hint
+
+
+def check_value(text, kind, rules):
+    kind = plain_type(kind)
+    if rules.get("white_space") == "collapse":
+        text = " ".join(text.split())
+    if kind is float:
+        assert NUMBER.fullmatch(text), text
+        assert rules.get("min_exclusive", -np.inf) < float(text) < rules.get("max_exclusive", np.inf)
+    elif kind is int:
+        assert re.fullmatch(r"[+-]?\d+", text), text
+    elif kind is bool:
+        assert text in ("true", "false", "0", "1"), text
+    elif kind is not str:
+        kind.from_string(text)
+    assert len(text) >= rules.get("min_length", 0)
+    assert rules.get("length") in (None, len(text))
+    assert re.fullmatch(rules.get("pattern", ".*"), text, re.DOTALL), text
+
+
+def test_file_is_valid(written):
+    check_schema(content_of(written))
+
+
+@pytest.mark.parametrize(
+    "file, old, new",
+    [
+        ("bcf.version", b'VersionId="3.0"', b""),
+        ("project.bcfp", b"ProjectId=", b"ProjektId="),
+        ("extensions.xml", b"<User>jaxmm</User>", b"<User> </User>"),
+        ("markup.bcf", b"TopicStatus=", b"Status="),
+        ("markup.bcf", b"<Title>", b"<Index>0</Index><Title>"),
+        ("markup.bcf", b"15Z</CreationDate>", b"15 o'clock</CreationDate>"),
+        ("markup.bcf", b"<Label>", b"words <Label>"),
+        ("viewpoint.bcfv", b'IfcGuid="', b'IfcGuid="x'),
+        ("viewpoint.bcfv", b"<FieldOfView>60.0", b"<FieldOfView>180.0"),
+        ("viewpoint.bcfv", b"<AspectRatio>1.3", b"<AspectRatio>-1.3"),
+        ("viewpoint.bcfv", b"<X>", b"<X>nan"),
+        ("viewpoint.bcfv", b"PerspectiveCamera>", b"OrthogonalCamera>"),
+        ("viewpoint.bcfv", b'Color="D55E00"', b'Color="red"'),
+    ],
+)
+def test_check_of_the_schema_finds_what_is_wrong(written, file, old, new):
+    content = content_of(written)
+    name = next(name for name in content if name.endswith(file))
+    assert old in content[name]
+    content[name] = content[name].replace(old, new)
+    with pytest.raises((AssertionError, ValueError)):
+        check_schema(content)
+
+
+def test_file_without_mismatches_is_valid_and_has_no_topics(detection, opened, tmp_path):
+    write_bcf(tmp_path / "none.bcf", detection._replace(mismatches=(), scans=()))
+    check_schema(content_of(tmp_path / "none.bcf"))
+    assert not opened(tmp_path / "none.bcf").topics
+
+
+def test_another_reader_reads_back_what_was_written(moved, written, opened):
+    read = opened(written)
+    assert (read.version.version_id, read.project.name) == ("3.0", "Tower & annex")
+    assert len(read.topics) == len(moved.mismatches)
+    for one, sentence, topic in zip(moved.mismatches, moved.sentences, by_index(read), strict=True):
+        told = topic.topic
+        assert told.title == sentence.split(" with ")[0]
+        assert sentence in told.description
+        assert told.labels.label[:2] == [one.object_type, one.mismatch_type]
+        assert told.creation_date.to_datetime() == WHEN
+        view = only(topic.viewpoints.values())
+        info, camera = view.visualization_info, view.visualization_info.perspective_camera
+        pose = np.array(moved.scans[0].pose[:3])
+        np.testing.assert_array_equal(vector(camera.camera_view_point), pose)
+        ahead = vector(camera.camera_direction)
+        np.testing.assert_allclose(pose + ahead * np.linalg.norm(one.center - pose), one.center, atol=1e-9)
+        assert abs(ahead @ vector(camera.camera_up_vector)) < 1e-12
+        assert (camera.field_of_view, camera.aspect_ratio) == (60.0, 4 / 3)
+        assert info.components.visibility.default_visibility
+        assert view.snapshot == snapshot(moved.drawing, one, camera_at(moved.scans[0].pose, one.center))
+        if one.mismatch_type == "removed":
+            assert info.lines is None
+            assert only(info.components.selection.component).ifc_guid == one.element
+            painted = only(info.components.coloring.color)
+            assert (painted.color, only(painted.components.component).ifc_guid) == ("D55E00", one.element)
+        else:
+            assert info.components.selection is None and info.components.coloring is None
+            drawn = [(vector(line.start_point), vector(line.end_point)) for line in info.lines.line]
+            np.testing.assert_array_equal(drawn, corners_of(one)[EDGES])
+
+
+def by_index(read):
+    return sorted(read.topics.values(), key=lambda topic: topic.topic.index)
+
+
+def only(items):
+    (item,) = items
+    return item
+
+
+def vector(entry):
+    return np.array([entry.x, entry.y, entry.z])
+
+
+def test_every_word_of_a_topic_is_declared(written, opened):
+    read = opened(written)
+    words = read.extensions
+    for topic in (topic.topic for topic in read.topics.values()):
+        assert topic.topic_type in words.topic_types.topic_type
+        assert topic.topic_status in words.topic_statuses.topic_status
+        assert topic.priority in words.priorities.priority
+        assert set(topic.labels.label) <= set(words.topic_labels.topic_label)
+        assert topic.creation_author in words.users.user == [AUTHOR]
+
+
+def test_description_says_how_sure_and_why(moved):
+    wall, pillar, again = topics_of(moved, "")
+    told = next(one for one in moved.elements if one.guid == pillar.mismatch.element)
+    assert "The probability that this is real is 0.970." in pillar.description
+    assert f"{pillar.mismatch.observable_fraction:.0%} could be observed" in pillar.description
+    for part in (
+        told.name,
+        told.guid,
+        told.storey,
+        f"{told.points} points",
+        "90 through, 2 support, 8 blocked, 0 unseen",
+    ):
+        assert part in pillar.description
+    assert "robot.ply" in wall.description
+    assert "observed" not in again.description and "Element of the model" not in again.description
+    assert [topic.priority for topic in (wall, pillar, again)] == ["High", "High", "Normal"]
+
+
+def test_moved_pairs_are_related_both_ways_and_nothing_else_is(moved, written, opened):
+    wall, pillar, again = by_index(opened(written))
+    assert wall.topic.related_topics is None
+    assert only(pillar.topic.related_topics.related_topic).guid == again.guid
+    assert only(again.topic.related_topics.related_topic).guid == pillar.guid
+    assert moved.sentences[2] in pillar.topic.description and moved.sentences[1] in again.topic.description
+    assert ["moved" in topic.topic.labels.label for topic in (wall, pillar, again)] == [False, True, True]
+
+
+def test_same_input_gives_the_same_bytes_and_later_only_another_date(moved, written, tmp_path):
+    write_bcf(tmp_path / "zone.bcf", moved, "Tower & annex", WHEN.astimezone(timezone(timedelta(hours=-7))))
+    write_bcf(tmp_path / "naive.bcf", moved, "Tower & annex", WHEN.replace(tzinfo=None))
+    assert (tmp_path / "zone.bcf").read_bytes() == (tmp_path / "naive.bcf").read_bytes() == written.read_bytes()
+    write_bcf(tmp_path / "now.bcf", moved, "Tower & annex")
+    old, new = content_of(written), content_of(tmp_path / "now.bcf")
+    assert list(old) == list(new)
+    date = re.compile(rb"<CreationDate>(.*)Z</CreationDate>")
+    for name in old:
+        assert date.sub(b"", old[name]) == date.sub(b"", new[name])
+    name = next(name for name in new if name.endswith("markup.bcf"))
+    stamp = datetime.fromisoformat(date.search(new[name])[1].decode()).replace(tzinfo=UTC)
+    assert timedelta(0) <= datetime.now(UTC) - stamp < timedelta(minutes=5)
+
+
+def test_guids_name_the_project_and_the_place_and_never_clash(moved):
+    def guids(detection, project="a"):
+        return [topic.guid for topic in topics_of(detection, project)]
+
+    first = moved.mismatches[0]
+    surer = moved._replace(mismatches=(first._replace(probability=0.5), *moved.mismatches[1:]))
+    assert guids(surer) == guids(moved)
+    assert not set(guids(moved)) & set(guids(moved, "b"))
+    elsewhere = first._replace(center=first.center + np.array([0.0, 0.0, 0.1]))
+    twice = moved._replace(mismatches=(first, elsewhere, first._replace(rotation=5.0), first, first))
+    assert len(set(guids(twice))) == 5 and guids(twice)[0] == guids(moved)[0]
+    pair = (first, first._replace(rotation=5.0))
+    assert guids(moved._replace(mismatches=pair)) == guids(moved._replace(mismatches=pair[::-1]))[::-1]
+
+
+def test_names_of_any_kind_stay_valid_and_short(moved, opened, tmp_path):
+    wall, pillar, again = moved.mismatches
+    hostile = tuple(
+        one._replace(guid=HOSTILE if one.guid == wall.element else one.guid, name=HOSTILE, storey=HOSTILE, ifc_class="")
+        for one in moved.elements
+    )
+    scan = moved.scans[0]._replace(file=HOSTILE)
+    told = moved._replace(
+        mismatches=(wall._replace(element=HOSTILE), pillar, again._replace(element="nobody's")),
+        elements=hostile, scans=(scan,),
+    )  # fmt: skip
+    path = tmp_path / "hostile.bcf"
+    write_bcf(path, told, HOSTILE, WHEN)
+    check_schema(content_of(path))
+    read = opened(path)
+    assert read.project.name.startswith("a\ufffd\ufffd<b & \"c\" 'd' ]]> \ufffd\ufffd ü 柱 \U0001f9f1 e xxx")
+    assert len(read.project.name) == 200
+    for topic in by_index(read):
+        assert len(topic.topic.description) < 1500
+    assert "柱 \U0001f9f1 e x" in by_index(read)[0].topic.description
+    first = only(by_index(read)[0].viewpoints.values()).visualization_info
+    assert first.components.selection is None and len(first.lines.line) == 12
+    write_bcf(path, moved, "\n ", WHEN)
+    check_schema(content_of(path))
+    assert opened(path).project.name is None
+
+
+@pytest.mark.parametrize(
+    "element, expected",
+    [
+        ("2O2Fr$t4X7Zf8NOew3FNr2", True),
+        ("0___$$$$aaaaZZZZ000099", True),
+        ("4O2Fr$t4X7Zf8NOew3FNr2", False),  # more than 128 bits
+        ("2O2Fr$t4X7Zf8NOew3FNr", False),
+        ("2O2Fr$t4X7Zf8NOew3FNr22", False),
+        ("2O2Fr$t4X7Zf8NOew3FNr2\n", False),
+        ("2O2Fr-t4X7Zf8NOew3FNr2", False),
+        ("\uff12O2Fr$t4X7Zf8NOew3FNr2", False),
+        ("wall_12", False),
+        ("", False),
+        (None, False),
+    ],
+)
+def test_only_global_ids_of_removed_elements_are_selected(element, expected):
+    removed = Mismatch("wall", "removed", np.zeros(3), np.ones(3), 0.0, 0.9, element)
+    assert global_id(removed) == (element if expected else None)
+    assert global_id(removed._replace(mismatch_type="added")) is None
+
+
+def test_coordinates_of_a_national_grid_lose_nothing(moved, opened, tmp_path):
+    shift = np.array([2_600_123.456, 1_200_987.654, 431.0])
+    pose = tuple(float(value) for value in np.array(moved.scans[0].pose[:3]) + shift) + moved.scans[0].pose[3:]
+    far = moved._replace(
+        mismatches=tuple(one._replace(center=one.center + shift) for one in moved.mismatches),
+        scans=(moved.scans[0]._replace(pose=pose),),
+        drawing=moved.drawing._replace(origin=moved.drawing.origin + shift),
+    )
+    write_bcf(tmp_path / "far.bcf", far)
+    added = only(by_index(opened(tmp_path / "far.bcf"))[2].viewpoints.values()).visualization_info
+    assert tuple(vector(added.perspective_camera.camera_view_point)) == pose[:3]
+    ends = np.array([(vector(line.start_point), vector(line.end_point)) for line in added.lines.line])
+    np.testing.assert_allclose(ends - shift, corners_of(moved.mismatches[2])[EDGES], atol=2e-9)
+    assert best_scan(far, far.mismatches[0]) == best_scan(moved, moved.mismatches[0])
+
+
+def test_archive_is_as_readers_expect(written):
+    with zipfile.ZipFile(written) as archive:
+        entries = archive.infolist()
+    names = [entry.filename for entry in entries]
+    assert len(set(names)) == len(names) == 3 + 4 * 3
+    assert all(entry.date_time == (1980, 1, 1, 0, 0, 0) for entry in entries)
+    for name in names:  # every folder is listed, before what is in it
+        folder, slash, _ = name.rpartition("/")
+        assert not slash or names.index(f"{folder}/") <= names.index(name)
+    assert "\\" not in "".join(names)
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(moved, tmp_path, monkeypatch):
+    path = tmp_path / "mismatches.bcf"
+    path.write_text("old")
+    count, write = iter(range(100)), zipfile.ZipFile.writestr
+
+    def full(archive, entry, data):
+        if next(count) == 6:
+            raise OSError(28, "No space left on device")
+        write(archive, entry, data)
+
+    monkeypatch.setattr(zipfile.ZipFile, "writestr", full)
+    with pytest.raises(OSError, match=r"mismatches\.bcf"):
+        write_bcf(path, moved)
+    assert path.read_text() == "old" and os.listdir(tmp_path) == ["mismatches.bcf"]
+    monkeypatch.undo()
+    write_bcf(path, moved)
+    assert zipfile.is_zipfile(path) and os.listdir(tmp_path) == ["mismatches.bcf"]
+
+
+def test_mismatches_without_a_scan_are_refused_and_nothing_is_written(moved, tmp_path):
+    with pytest.raises(ValueError, match="at least one scan"):
+        write_bcf(tmp_path / "mismatches.bcf", moved._replace(scans=()))
+    assert not os.listdir(tmp_path)
+
+
+def test_writing_needs_no_reader():
+    """bcf-client is only the witness here: its licence is not ours."""
+    code = "import sys, jaxmm.bcf; sys.exit(any(name in sys.modules for name in ('bcf', 'xsdata', 'ifcopenshell')))"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_snapshot_of_every_topic_is_a_picture(written):
+    from PIL import Image
+
+    pictures = [data for name, data in content_of(written).items() if name.endswith(".png")]
+    assert len(pictures) == 3 == len(set(pictures))
+    for data in pictures:
+        assert len(data) < 150_000
+        image = Image.open(io.BytesIO(data))
+        image.load()
+        assert (image.format, image.size) == ("PNG", (640, 480))
