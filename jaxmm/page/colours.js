@@ -1,0 +1,36 @@
+// Colours that are told apart with every kind of colour blindness (M. Okabe and K. Ito, 2008), and signs beside them.
+
+const INK = "#1d2329";
+const ADDED = "#0072b2";
+const REMOVED = "#d55e00";
+/** By verdict: its colour, how strongly its surfaces are filled, and a sign for where colour is not seen. */
+const VERDICTS = {
+  removed: { tint: REMOVED, fill: 0.26, sign: "×" },
+  occluded: { tint: "#cc79a7", fill: 0.2, sign: "◐" },
+  unscanned: { tint: "#767d85", fill: 0.08, sign: "?" },
+  present: { tint: "#009e73", fill: 0.11, sign: "✓" },
+};
+const NO_VERDICT = { tint: "#98a1aa", fill: 0.05, sign: "–" };
+/** By what most rays did; each in the colour of the verdict that it speaks for. */
+const EVIDENCE = { through: REMOVED, support: "#009e73", blocked: "#cc79a7", unseen: "#767d85" };
+/** Points from probability 0 to 1. */
+const ROBOT_RAMP = ["#7d8894", ADDED];
+const PRIOR_RAMP = ["#b9b2a3", REMOVED];
+const SCANS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#a89c00", "#1d2329"];
+
+/** What points may be coloured by; the last where there are several scans. */
+const MODES = ["probability", "evidence", "scan"];
+
+const scanTint = (scan) => (report.scans.length > 1 ? SCANS[scan % SCANS.length] : INK);
+const lookOf = (guid) => VERDICTS[verdictOfGuid.get(guid)?.verdict] ?? NO_VERDICT;
+
+/** "#rrggbb" to [r, g, b] in 0..1. */
+function rgb(hex) {
+  return [1, 3, 5].map((from) => parseInt(hex.slice(from, from + 2), 16) / 255);
+}
+
+/** "#rrggbb" and an opacity to one number of four bytes, red in the lowest. */
+function packed(hex, opacity = 1) {
+  const [red, green, blue] = rgb(hex).map((value) => Math.round(255 * value));
+  return (red | (green << 8) | (blue << 16) | (Math.round(255 * opacity) << 24)) >>> 0;
+}

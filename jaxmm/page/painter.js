@@ -1,0 +1,225 @@
+// Everything that is on the graphics card, and how one picture is drawn from it.
+
+const BACKGROUND = rgb("#f5f6f8");
+const POINT_WIDTH = 0.04; // [m]
+
+/** The painter of a context: fixed buffers now, `draw` for every picture, `cutAt` and `proposed` where things move. */
+function painterOf(gl) {
+  const programs = {
+    surface: linked(gl, SURFACE_SHADERS),
+    lines: linked(gl, LINE_SHADERS),
+    points: linked(gl, POINT_SHADERS),
+  };
+  const bounds = boundsOf();
+  const edges = edgeLines();
+  const grid = gridMarks();
+  const long = Math.min(2.5, Math.max(1, 0.2 * Math.hypot(...sum(data.frame.high, data.frame.low, -1))));
+  const sensors = report.scans.map((scan, index) =>
+    sensorMarks(scan.pose, data.fields_of_view[index] ?? [], scanTint(index), long));
+  const painter = {
+    gl, programs, bounds, grid, edgeStarts: edges.starts,
+    surface: surfaceItem(gl, programs),
+    edges: lineItem(gl, programs, edges.lines),
+    plan: lineItem(gl, programs, []),
+    grid_: lineItem(gl, programs, grid.lines),
+    boxes: [],
+    sensors: sensors.map((one, index) => ({
+      eye: one.eye,
+      lines: lineItem(gl, programs, one.lines),
+      solid: solidItem(gl, programs, one.triangles, scanTint(index), 1),
+    })),
+    proposal: null,
+    robot: pointItem(gl, programs, arrays.robot, arrays.robot_probability, arrays.robot_evidence),
+    prior: pointItem(gl, programs, arrays.prior, arrays.prior_probability, arrays.prior_evidence),
+  };
+  painter.cutAt = (z) => {
+    painter.plan = lineItem(gl, programs, planLines(bounds, z), painter.plan);
+    painter.boxes = report.mismatches.map((one, index) => boxItem(gl, programs, one, z, painter.boxes[index]));
+  };
+  painter.proposed = (pose) => {
+    const marks = pose && sensorMarks(pose, [], INK, 0.8);
+    painter.proposal = marks && {
+      eye: marks.eye,
+      lines: lineItem(gl, programs, marks.lines, painter.proposal?.lines),
+      solid: solidItem(gl, programs, marks.triangles, "#e69f00", 1, painter.proposal?.solid),
+    };
+  };
+  painter.draw = (state, view) => draw(painter, state, view);
+  return painter;
+}
+
+/** Free what `old` held, so that what moves can be made anew at every move. */
+function replaced(gl, old) {
+  if (!old) return;
+  old.buffers.forEach((buffer) => gl.deleteBuffer(buffer));
+  gl.deleteVertexArray(old.reader);
+}
+
+function lineItem(gl, programs, lines, old = null) {
+  replaced(gl, old);
+  const buffer = filled(gl, lineBytes(lines));
+  const read = (first) => {
+    const row = { buffer, stride: 4 * LINE, kind: gl.FLOAT };
+    const at = 4 * LINE * first;
+    return readBy(gl, programs.lines, [
+      { ...row, name: "start", size: 3, offset: at },
+      { ...row, name: "end", size: 3, offset: at + 12 },
+      { ...row, name: "tint", size: 4, offset: at + 24, kind: gl.UNSIGNED_BYTE, normalized: true },
+      { ...row, name: "dash", size: 1, offset: at + 28 },
+    ], true);
+  };
+  return { reader: read(0), read, buffers: [buffer], count: lines.length / LINE };
+}
+
+function triangleItem(gl, programs, place, tint, old = null) {
+  replaced(gl, old);
+  const buffers = [filled(gl, place), filled(gl, tint)];
+  const reader = readBy(gl, programs.surface, [
+    { name: "place", buffer: buffers[0], size: 3, kind: gl.FLOAT },
+    { name: "tint", buffer: buffers[1], size: 4, kind: gl.UNSIGNED_BYTE, normalized: true },
+  ]);
+  return { reader, buffers, count: place.length / 3 };
+}
+
+function surfaceItem(gl, programs) {
+  const { place, tint } = trianglesOf();
+  return triangleItem(gl, programs, place, tint);
+}
+
+function solidItem(gl, programs, numbers, hex, opacity, old = null) {
+  const tint = new Uint32Array(numbers.length / 3).fill(packed(hex, opacity));
+  return triangleItem(gl, programs, new Float32Array(numbers), tint, old);
+}
+
+function boxItem(gl, programs, mismatch, cut, old) {
+  const removed = mismatch.mismatch_type === "removed";
+  const lines = lineItem(gl, programs, boxLines(mismatch, cut), old?.lines);
+  const sides = solidItem(gl, programs, boxTriangles(mismatch, cut), removed ? REMOVED : ADDED, 0.3, old?.sides);
+  return { removed, lines, sides };
+}
+
+function pointItem(gl, programs, place, probability, evidence) {
+  const reader = readBy(gl, programs.points, [
+    { name: "place", buffer: filled(gl, place), size: 3, kind: gl.FLOAT },
+    { name: "probability", buffer: filled(gl, probability), size: 1, kind: gl.UNSIGNED_BYTE, normalized: true },
+    { name: "evidence", buffer: filled(gl, evidence), size: 1, kind: gl.UNSIGNED_BYTE },
+  ]);
+  return { reader, count: place.length / 3 };
+}
+
+/**
+ * One picture: points first, for they hide what lies behind; then, through each other, floor, surfaces, boxes, sensors.
+ *
+ * state: of the viewer; view: {matrix, eye, ratio, between} with the pixels of a CSS pixel and the heights drawn [m].
+ */
+function draw(painter, state, view) {
+  const { gl } = painter;
+  gl.viewport(0, 0, gl.canvas.width, gl.canvas.height);
+  gl.clearColor(...BACKGROUND, 1);
+  gl.depthMask(true);
+  gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+  gl.enable(gl.DEPTH_TEST);
+  gl.depthFunc(gl.LEQUAL);
+  gl.disable(gl.BLEND);
+  drawPoints(painter, state, view);
+  gl.depthMask(false);
+  gl.enable(gl.BLEND);
+  gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+  drawLines(painter, painter.grid_, view, 1);
+  if (state.layers.surface) {
+    drawTriangles(painter, painter.surface, view);
+    drawLines(painter, painter.edges, view, 1.1);
+    drawLines(painter, painter.plan, { ...view, between: EVERYWHERE }, 1.8);
+  }
+  const element = indexOfGuid.get(state.guid);
+  if (element !== undefined) drawChosen(painter, element, view);
+  const whole = { ...view, between: EVERYWHERE }; // boxes are cut already, and sensors may stand above it
+  if (state.layers.boxes) painter.boxes.forEach((box, index) => drawBox(painter, box, index === state.mismatch, whole));
+  if (state.layers.frustum) {
+    const shown = painter.sensors.filter((_, scan) => !state.hidden.has(scan));
+    for (const sensor of painter.proposal ? [...shown, painter.proposal] : shown) {
+      if (Math.hypot(...sum(sensor.eye, view.eye, -1)) < 0.5) continue; // who looks from a sensor does not see it
+      drawTriangles(painter, sensor.solid, whole);
+      drawLines(painter, sensor.lines, whole, 1.6);
+    }
+  }
+}
+
+const EVERYWHERE = [-1e9, 1e9];
+
+function drawPoints({ gl, programs, robot, prior }, state, view) {
+  const { program, at } = programs.points;
+  gl.useProgram(program);
+  gl.uniformMatrix4fv(at.matrix, false, view.matrix);
+  gl.uniform2fv(at.between, view.between);
+  gl.uniform1f(at.diameter, (POINT_WIDTH * gl.canvas.height) / (2 * Math.tan(FIELD / 2)));
+  gl.uniform2f(at.sizes, 1.8 * view.ratio, 9 * view.ratio);
+  gl.uniform3fv(at.palette, Object.values(EVIDENCE).flatMap(rgb));
+  const ranges = (item, mode, ramp, round, parts) => {
+    gl.bindVertexArray(item.reader);
+    gl.uniform1i(at.mode, mode);
+    gl.uniform3fv(at.calm, rgb(ramp[0]));
+    gl.uniform3fv(at.hot, rgb(ramp[1]));
+    gl.uniform1i(at.round_, round);
+    for (const [first, last, tint] of parts) {
+      gl.uniform3fv(at.plain, rgb(tint));
+      if (last > first) gl.drawArrays(gl.POINTS, first, last - first);
+    }
+  };
+  const mode = MODES.indexOf(state.mode);
+  if (state.layers.prior) ranges(prior, mode, PRIOR_RAMP, 0, [[0, prior.count, PRIOR_RAMP[0]]]);
+  if (state.layers.robot) {
+    const starts = scanStarts();
+    const parts = report.scans.map((_, scan) => [starts[scan], starts[scan + 1], scanTint(scan)]);
+    ranges(robot, mode, ROBOT_RAMP, 1, parts.filter((_, scan) => !state.hidden.has(scan)));
+  }
+}
+
+function drawTriangles({ gl, programs }, item, view, { instead = [0, 0, 0, 0], hatch = 0, part } = {}) {
+  const { program, at } = programs.surface;
+  gl.useProgram(program);
+  gl.uniformMatrix4fv(at.matrix, false, view.matrix);
+  gl.uniform2fv(at.between, view.between);
+  gl.uniform4fv(at.instead, instead);
+  gl.uniform1f(at.hatch, hatch * view.ratio);
+  gl.bindVertexArray(item.reader);
+  const [first, end] = part ?? [0, item.count];
+  if (end > first) gl.drawArrays(gl.TRIANGLES, first, end - first);
+}
+
+function drawLines({ gl, programs }, item, view, width, { instead = [0, 0, 0, 0], fade = 1, reader, count } = {}) {
+  const { program, at } = programs.lines;
+  gl.useProgram(program);
+  gl.uniformMatrix4fv(at.matrix, false, view.matrix);
+  gl.uniform2fv(at.between, view.between);
+  gl.uniform2f(at.size, gl.canvas.width, gl.canvas.height);
+  gl.uniform1f(at.width, width * view.ratio);
+  gl.uniform4fv(at.instead, instead);
+  gl.uniform1f(at.fade, fade);
+  gl.bindVertexArray(reader ?? item.reader);
+  if (count ?? item.count) gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count ?? item.count);
+}
+
+/** The chosen element: filled, and outlined in ink also where points stand before it. */
+function drawChosen(painter, element, view) {
+  const { gl } = painter;
+  const part = [3 * arrays.first[element], 3 * arrays.first[element + 1]];
+  drawTriangles(painter, painter.surface, view, { instead: [...rgb(lookOf(data.guid[element]).tint), 0.42], part });
+  const [first, last] = [painter.edgeStarts[element], painter.edgeStarts[element + 1]];
+  if (last === first) return;
+  const reader = painter.edges.read(first);
+  gl.disable(gl.DEPTH_TEST);
+  drawLines(painter, painter.edges, view, 2.4, { instead: [...rgb(INK), 1], reader, count: last - first });
+  gl.enable(gl.DEPTH_TEST);
+  gl.deleteVertexArray(reader);
+}
+
+function drawBox(painter, box, chosen, view) {
+  const { gl } = painter;
+  drawTriangles(painter, box.sides, view, { hatch: box.removed ? 9 : 0 });
+  const width = chosen ? 4 : 2.4;
+  gl.disable(gl.DEPTH_TEST);
+  drawLines(painter, box.lines, view, width, { fade: 0.4 });
+  gl.enable(gl.DEPTH_TEST);
+  drawLines(painter, box.lines, view, width);
+}

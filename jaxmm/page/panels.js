@@ -1,0 +1,153 @@
+// The words around the 3D view: what is chosen, the mismatches, the legend, what words mean, and the details.
+
+/** The panel of the chosen element or mismatch; empty when nothing is chosen. */
+function showChosen(state, actions) {
+  const panel = byId("chosen");
+  panel.replaceChildren();
+  if (state.guid === null && state.mismatch < 0) return;
+  const title = state.mismatch >= 0 ? `Mismatch ${mismatchName(state.mismatch)}` : elementName(state.guid);
+  const close = make("button", { click: () => actions.clear(), "aria-label": "Close" }, "×");
+  panel.append(make("div", { class: "head" }, make("h2", {}, title), close));
+  if (state.mismatch >= 0) panel.append(mismatchPairs(state.mismatch, actions));
+  if (state.guid !== null) panel.append(...elementNodes(state.guid, state.mismatch >= 0));
+  panel.append(make("button", { click: () => actions.look() }, "Look at it"));
+}
+
+function elementName(guid) {
+  const one = verdictOfGuid.get(guid);
+  return one?.name || one?.ifc_class || "Element";
+}
+
+function mismatchPairs(index, actions) {
+  const one = report.mismatches[index];
+  const source = one.moved_from;
+  const origin = () => make("button", { click: () => actions.chooseMismatch(source) }, mismatchName(source));
+  return pairs([
+    ["probability", `${chance(one.probability)} that it is real`],
+    ["centre", metres(one.center)],
+    ["size", metres(one.dimensions)],
+    ["turned", one.rotation ? `${one.rotation.toFixed(1)}°` : null],
+    ["footprint", one.object_type === "pillar" ? one.shape : null],
+    ["observable", one.observable_fraction === null ? null : `${Math.round(100 * one.observable_fraction)} %`],
+    ["moved from", source === null ? null : origin()],
+  ]);
+}
+
+function elementNodes(guid, named) {
+  const one = verdictOfGuid.get(guid);
+  const id = make("code", {}, guid);
+  const element = indexOfGuid.get(guid);
+  const drawn = element !== undefined && arrays.first[element + 1] > arrays.first[element];
+  const surface = drawn ? null : "not in this view";
+  if (!one) return [pairs([["GlobalId", id], ["verdict", "none was asked for"], ["surface", surface]])];
+  const rows = pairs([
+    ["element", named ? one.name || null : null],
+    ["GlobalId", id],
+    ["class", one.ifc_class || null],
+    ["storey", one.storey || null],
+    ["surface", surface],
+    ["verdict", verdictBadge(one.verdict)],
+    ["P(removed)", chance(one.probability)],
+    ["next view", one.next_view ? poseWords(one.next_view) : null],
+  ]);
+  return [rows, make("p", { class: "quiet" }, data.words.verdicts[one.verdict] ?? ""), ...evidenceNodes(one.evidence)];
+}
+
+/** A bar and the numbers of what the rays towards an element did. */
+function evidenceNodes(evidence) {
+  const names = Object.keys(EVIDENCE);
+  const total = names.reduce((all, name) => all + evidence[name], 0);
+  const bar = make("div", { class: "shares", role: "img", "aria-label": "shares of rays" });
+  for (const name of names) {
+    bar.append(sharePart(EVIDENCE[name], total ? evidence[name] / total : 0));
+  }
+  const rows = names.map((name) => [
+    make("span", { class: "mark" }, swatch(EVIDENCE[name], "square"), name),
+    `${plural(evidence[name], "ray")}${total ? `, ${Math.round((100 * evidence[name]) / total)} %` : ""}`,
+  ]);
+  return [bar, pairs([...rows, ["model points", count(evidence.points)]])];
+}
+
+function sharePart(tint, share) {
+  const part = make("span");
+  part.style.background = tint;
+  part.style.width = `${100 * share}%`;
+  return part;
+}
+
+function showMismatches(state, actions) {
+  const rows = report.mismatches.map((one, index) => {
+    const seen = one.observable_fraction === null ? "" : `, ${Math.round(100 * one.observable_fraction)} % observable`;
+    const look = `${one.mismatch_type}${index === state.mismatch ? " chosen" : ""}`;
+    const click = () => { actions.chooseMismatch(index); actions.look(); };
+    const button = make("button", { class: look, click, "aria-pressed": String(index === state.mismatch) },
+      `${index + 1}. ${report.sentences[index]}`, make("small", {}, `probability ${chance(one.probability)}${seen}`));
+    return make("li", {}, button);
+  });
+  byId("mismatches").replaceChildren(...(rows.length ? rows : [make("li", {}, "No mismatch was found.")]));
+}
+
+/** What the colours of the view mean, for the colouring that is chosen. */
+function showLegend(state) {
+  const group = (title, rows) => {
+    const items = rows.map(([mark, words]) => make("li", {}, mark, make("span", {}, words)));
+    return make("div", {}, make("h3", {}, title), make("ul", {}, ...items));
+  };
+  const groups = [];
+  const boxes = [
+    [swatch(null, "added"), "added: solid outline, filled"],
+    [swatch(null, "removed"), "removed: dashed outline, hatched"],
+  ];
+  groups.push(group("Boxes", boxes));
+  if (state.mode === "probability") {
+    groups.push(group("Points", [
+      [swatch(ROBOT_RAMP[1], "dot"), "robot: part of something added"],
+      [swatch(ROBOT_RAMP[0], "dot"), "robot: as in the model, or not told"],
+      [swatch(PRIOR_RAMP[1], "square"), "model: gone"],
+      [swatch(PRIOR_RAMP[0], "square"), "model: still there, or not told"],
+    ]));
+  } else if (state.mode === "evidence") {
+    for (const [title, words, shape] of [["Model points", "prior", "square"], ["Robot points", "robot", "dot"]]) {
+      const rows = Object.entries(EVIDENCE).map(([name, tint]) => [
+        swatch(tint, shape), `${name}: ${data.words[words][name]}`,
+      ]);
+      groups.push(group(title, rows));
+    }
+  } else {
+    const rows = report.scans.map((one, scan) => [swatch(scanTint(scan), "dot"), `scan ${scan + 1}: ${one.file}`]);
+    groups.push(group("Points", [...rows, [swatch(PRIOR_RAMP[0], "square"), "model"]]));
+  }
+  if (data.has_surface) {
+    const rows = Object.entries(VERDICTS).map(([name, look]) => [verdictBadge(name), ""]);
+    groups.push(group("Elements", [...rows, [verdictBadge(undefined), ""]]));
+  }
+  byId("legend").replaceChildren(...groups);
+}
+
+/** What does not change: scans, meanings, notes, settings, timing. */
+function showDetails() {
+  const points = report.scans.map((one) => `${one.file} (${plural(one.points, "point")})`);
+  const scans = points.length ? `${plural(points.length, "scan")}: ${points.join(", ")}` : "No scan";
+  byId("scans").textContent = `${scans}. Lengths in metres.`;
+  for (const [verdict, words] of Object.entries(data.words.verdicts)) {
+    byId("verdict-words").append(make("dt", {}, verdictBadge(verdict)), make("dd", {}, words));
+  }
+  byId("probability-words").textContent = data.words.probability;
+  byId("observable-words").textContent = data.words.observable;
+  const notes = [...report.notes, ...data.thinned];
+  byId("notes").append(notes.length ? make("ul", {}, ...notes.map((note) => make("li", {}, note))) : "None.");
+  byId("notes").open = data.thinned.length > 0;
+  const rows = report.scans.map((one, scan) => {
+    const { told: changed, ...rest } = one;
+    const told = { ...rest, "verdicts that it changed": changed, pose: poseWords(one.pose) };
+    if (one.deviation) told.deviation = poseWords(one.deviation);
+    return [`scan ${scan + 1}`, valueNode(told)];
+  });
+  byId("scan-details").append(pairs(rows), pairs([["all scans", valueNode(report.registration)]]));
+  byId("settings").append(valueNode(report.settings));
+  const seconds = Object.entries(report.timing).map(([stage, value]) => [stage, `${value?.toFixed(2) ?? "–"} s`]);
+  byId("timing").append(pairs(seconds));
+  window.addEventListener("beforeprint", () => {
+    for (const one of document.querySelectorAll("details")) one.open = true;
+  });
+}

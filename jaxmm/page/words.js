@@ -1,0 +1,67 @@
+// Numbers and values in words, and nodes of the document. Text only ever becomes text: nothing here parses HTML.
+
+/** A node with attributes and children; strings become text nodes. `click` is what it does. */
+function make(tag, { click = null, ...attributes } = {}, ...children) {
+  const node = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value !== null && value !== false) node.setAttribute(name, value === true ? "" : value);
+  }
+  if (click) node.addEventListener("click", click);
+  node.append(...children.filter((child) => child !== null));
+  return node;
+}
+
+const byId = (id) => document.getElementById(id);
+const count = (value) => value.toLocaleString("en-US");
+const plural = (value, word) => `${count(value)} ${word}${value === 1 ? "" : "s"}`;
+const metres = (values) => `${values.map((value) => value.toFixed(2)).join("  ")} m`;
+const chance = (value) => (value === null ? "unknown" : value.toFixed(value > 0.995 || value < 0.005 ? 3 : 2));
+const capital = (word) => word.charAt(0).toUpperCase() + word.slice(1);
+
+function poseWords([x, y, z, yaw, pitch]) {
+  return `${metres([x, y, z])}, yaw ${yaw.toFixed(1)}°, pitch ${pitch.toFixed(1)}°`;
+}
+
+const mismatchName = (index) => {
+  const { mismatch_type: change, object_type: kind } = report.mismatches[index];
+  return `${index + 1}  ${change === "added" ? "+" : "−"} ${kind} ${change}`;
+};
+
+/** A verdict with its sign in its colour. */
+function verdictBadge(verdict) {
+  const look = VERDICTS[verdict] ?? NO_VERDICT;
+  const node = make("span", { class: "badge", "data-sign": look.sign }, verdict ?? "no verdict");
+  node.style.setProperty("--tint", look.tint);
+  return node;
+}
+
+function swatch(tint, kind = "") {
+  const node = make("span", { class: `swatch ${kind}` });
+  if (tint) node.style.background = tint;
+  return node;
+}
+
+/** Pairs of a word and what it stands for; gaps are left out. */
+function pairs(rows) {
+  const list = make("dl", { class: "pairs" });
+  for (const [word, value] of rows) {
+    if (value !== null && value !== undefined) list.append(make("dt", {}, word), make("dd", {}, value));
+  }
+  return list;
+}
+
+const UNITS = { shift: " m", turn: "°", residual: " m" };
+
+/** Any value of the report: objects as pairs, lists joined, gaps as a dash. */
+function valueNode(value) {
+  if (value === null || value === undefined) return "–";
+  if (Array.isArray(value)) {
+    if (value.some((one) => typeof one === "object" && one !== null)) {
+      return make("ul", {}, ...value.map((one) => make("li", {}, valueNode(one))));
+    }
+    return value.length ? value.join(", ") : "–";
+  }
+  if (typeof value !== "object") return String(value);
+  const words = (name, one) => (typeof one === "number" ? `${one}${UNITS[name] ?? ""}` : valueNode(one));
+  return pairs(Object.entries(value).map(([name, one]) => [name.replaceAll("_", " "), words(name, one)]));
+}
