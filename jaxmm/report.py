@@ -129,7 +129,7 @@ def to_json(detection: Detection) -> dict[str, Any]:
         "sentences": list(detection.sentences),
         "registration": _plain(detection.registration),
         "settings": _plain(detection.settings),
-        "timing": {name: round(value, 4) for name, value in detection.timing.items()},
+        "timing": _plain({name: round(value, 4) for name, value in detection.timing.items()}),
         "notes": list(detection.notes),
     }
 
