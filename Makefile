@@ -25,7 +25,7 @@ setup: .venv/current
 setup-peers: setup
 	$(PIP) install -c requirements.lock -e '.[peers]'
 
-# The default models, from nothing: 16 minutes. The run folder holds how they came about.
+# The default models, from nothing: 20 minutes. The run folder holds how they came about.
 weights: setup
 	$(BIN)/jaxmm train configs/weights.toml --out runs/weights
 	cp runs/weights/models.safetensors jaxmm/weights/default.safetensors

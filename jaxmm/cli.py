@@ -1,6 +1,7 @@
 """The command line: parses, calls, prints. Errors are one line.
 
-2 says that the input is wrong, or that `scan` and `generate` have nowhere to write; 1 that the work failed.
+2 says that the input is wrong, or that `scan`, `generate`, `detect` and `revert` have nowhere to write; 1 that the
+work failed.
 """
 
 import argparse
@@ -11,14 +12,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from jaxmm import cli_detect
 from jaxmm.config import CONDITIONS, MOST_ROOMS, SCENARIOS
 from jaxmm.files import check_writable
 from jaxmm.inputs import InputError
 
 ENGINES = ("local", "ray")
 THESIS_METHODS = ("released", "nn-raw", "rule", "nn", "xyz_nn", "evidence")
-WRITERS = ("scan", "generate")  # commands for which a file that cannot be written is the user's to put right
-FARTHEST = 1e9  # [m] coordinates beyond this are taken for mistakes, as in building files
+WRITERS = (
+    "scan",
+    "generate",
+    "detect",
+    "revert",
+)  # commands for which a file that cannot be written is the user's to put right
 FEW_RETURNS = 0.05  # share of rays below which a scan is hardly one
 SCAN_SENSORS = (
     "oak-d-pro (default), oak-d-pro-small, velodyne-16, ouster-64 or tls, ideal within its range; with -real behind "
@@ -49,11 +55,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _glued(arguments: Sequence[str]) -> list[str]:
     """A pose may begin with a minus, which argparse would take for an option."""
-    glued = list(arguments)
-    for place, argument in enumerate(arguments[:-1]):
-        if argument == "--pose" and arguments[place + 1][:2].strip("-.0123456789") == "":
-            glued[place : place + 2] = [f"--pose={arguments[place + 1]}"]
-            break
+    glued: list[str] = []
+    for argument in arguments:
+        if glued and glued[-1] == "--pose" and argument[:2].strip("-.0123456789") == "":
+            glued[-1] = f"--pose={argument}"
+        else:
+            glued.append(argument)
     return glued
 
 
@@ -143,6 +150,13 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--clear-glass", action="store_true", help="let rays pass through the glass of windows")
     command.add_argument("--up", choices=("y", "z"), help="axis of the mesh file; default: y in glTF, z in all others")
     command.add_argument("--unit", type=float, default=1.0, metavar="METRES", help="length of the mesh file's unit")
+
+    cli_detect.add_detect(_command(commands, "detect", cli_detect.detect, cli_detect.EXAMPLE), POSE)
+    command = _command(commands, "revert", cli_detect.revert, "jaxmm revert found/updated.ifc --out before.ifc")
+    command.add_argument(
+        "updated", type=Path, metavar="UPDATED.ifc", help="of detect; its undo.json lies beside it"
+    )
+    command.add_argument("--out", type=Path, required=True, metavar="FILE.ifc", help="the model as it was before")
     return parser
 
 
@@ -153,6 +167,8 @@ ABOUT = {
     "evaluate": "score held-out rooms with the models of a run",
     "thesis": "score the test pairs of the thesis's public repository",
     "scan": "scan a building from one place and write the scan",
+    "detect": "compare robot scans with a building model: what was added, what removed, what could not be seen",
+    "revert": "undo what detect changed in an IFC file",
 }
 
 
@@ -238,6 +254,7 @@ def _scan(options: argparse.Namespace) -> None:
     import numpy as np
 
     from jaxmm import clouds
+    from jaxmm.scan_poses import parse_pose
     from warp_scanner import building_poses, buildings, sensors
     from warp_scanner.building_files import read_building
     from warp_scanner.imperfections import imperfect
@@ -249,7 +266,7 @@ def _scan(options: argparse.Namespace) -> None:
     check_writable(options.out, "--out")
     if not 0 <= options.seed < 2**63:
         raise InputError(f"--seed: expected at least 0 and below 2^63, got {options.seed}")
-    position, yaw, pitch = _pose(options.pose)
+    position, yaw, pitch = parse_pose(options.pose)
     try:
         sensor = sensors.sensor_named(options.sensor)
         reading = buildings.ReadOptions(
@@ -283,21 +300,6 @@ def _scan(options: argparse.Namespace) -> None:
     print(
         f"{hits} returns of {len(directions)} rays, {len(set(scan.element[scan.element >= 0]))} elements: {options.out}"
     )
-
-
-def _pose(text: str) -> tuple:
-    """Position (3,) [m], yaw and pitch [deg] of X,Y,Z,YAW[,PITCH]."""
-    import numpy as np
-
-    try:
-        values = np.array([float(value) for value in text.split(",")])
-    except ValueError:
-        values = np.array([np.nan])
-    if len(values) not in (4, 5) or not np.isfinite(values).all() or abs(np.append(values, 0.0)[4]) > 90.0:
-        raise InputError(f"--pose: expected X,Y,Z,YAW[,PITCH], finite, pitch within 90 degrees, got {text!r}")
-    if np.any(np.abs(values[:3]) > FARTHEST):
-        raise InputError(f"--pose: expected X, Y and Z within {FARTHEST:g} m, got {text!r}")
-    return values[:3], values[3], values[4] if len(values) == 5 else 0.0
 
 
 def _run_folder(options: argparse.Namespace) -> Path:

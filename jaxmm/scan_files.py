@@ -6,18 +6,27 @@ need.
 """
 
 import warnings
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxmm.inputs import InputError
+from jaxmm.raw_scans import RawScan
+from jaxmm.scan_arrays import read_npy, read_npz
+from jaxmm.scan_e57 import read_e57
+from jaxmm.scan_las import read_las
+from jaxmm.scan_pcd import read_pcd
+from jaxmm.scan_ply import read_ply
+from jaxmm.scan_text import read_text
 
-MOST_POINTS = 2_000_000_000  # more than that is a damaged header
-LEAST_BYTES = {".ply": 3, ".las": 20}  # of a point, by which a promised number is checked against the file
+READERS: dict[str, Callable[[Path], list[RawScan]]] = {
+    ".ply": read_ply, ".pcd": read_pcd, ".e57": read_e57, ".las": read_las, ".laz": read_las, ".csv": read_text,
+    ".npy": read_npy, ".npz": read_npz, ".xyz": read_text, ".txt": read_text, ".asc": read_text,
+}  # fmt: skip
 EXTRA = "needs the extra formats: pip install 'jaxmm[formats]'"
+FARTHEST = 1e12  # coordinates beyond are damage, and their squares would not fit
 
 
 class PointScan(NamedTuple):
@@ -27,12 +36,6 @@ class PointScan(NamedTuple):
     position: np.ndarray | None  # (3,) float64 of the sensor, same frame; None where the file does not say
     rotation: np.ndarray | None  # (3, 3) float64 sensor frame to world
     remarks: tuple[str, ...]  # what was left out, in words
-
-
-class _Raw(NamedTuple):
-    points: np.ndarray
-    position: np.ndarray | None = None
-    rotation: np.ndarray | None = None
 
 
 def read_scans(path: Path) -> list[PointScan]:
@@ -50,7 +53,7 @@ def read_scans(path: Path) -> list[PointScan]:
     if not path.stat().st_size:
         raise InputError(f"{path}: expected a scan, found an empty file")
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             found = reader(path)
     except InputError:
@@ -63,179 +66,31 @@ def read_scans(path: Path) -> list[PointScan]:
         raise InputError(f"{path}: promises more points than fit into memory") from error
     except Exception as error:  # libraries raise almost anything on a damaged file
         raise InputError(f"{path}: expected a whole {path.suffix} file: {_line(error)}") from error
-    return [_checked(path, raw) for raw in found]
+    return [_checked(path, found.pop(0)) for _ in range(len(found))]  # a large scan is let go when it is copied
 
 
-def _checked(path: Path, raw: _Raw) -> PointScan:
+def _checked(path: Path, raw: RawScan) -> PointScan:
     points = np.asarray(raw.points, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"{path}: expected points of shape (N, 3), got {points.shape}")
-    finite = np.isfinite(points).all(axis=1)
+    finite = np.abs(points[:, 0]) < FARTHEST
+    for axis in (1, 2):
+        finite &= np.abs(points[:, axis]) < FARTHEST
     if not finite.any():
         raise InputError(f"{path}: expected points with finite coordinates, got none among {len(points)}")
     lost = int((~finite).sum())
-    remarks = (f"{lost} of {len(points)} points have no finite coordinates and are left out",) if lost else ()
-    points = points[finite] if lost else points
-    if np.all(points == points[0]):
+    remarks = raw.remarks
+    if lost:
+        remarks += (f"{lost} of {len(points)} points have no finite coordinates and are left out",)
+        points = points[finite]
+    if all(np.ptp(points[:, axis]) == 0.0 for axis in range(3)):
         raise InputError(f"{path}: expected points in space, got {len(points)} times the same one")
-    posed = raw.position is not None and np.isfinite(raw.position).all()
+    posed = raw.position is not None and np.isfinite(raw.position).all() and np.isfinite(raw.rotation).all()
     return PointScan(points, raw.position if posed else None, raw.rotation if posed else None, remarks)
 
 
-def _read_ply(path: Path) -> list[_Raw]:
-    from trimesh.exchange import ply
-
-    with open(path, "rb") as file:
-        elements, is_ascii, _ = ply._parse_header(file)
-        vertex = elements.get("vertex")
-        if vertex is None or not {"x", "y", "z"} <= set(vertex["properties"]):
-            raise InputError(f"{path}: expected vertices with x, y and z, found {', '.join(elements) or 'no element'}")
-        _check_count(path, vertex["length"])
-        if next(iter(elements)) != "vertex":
-            raise InputError(f"{path}: expected vertices before all other elements")
-        if is_ascii:
-            names = list(vertex["properties"])
-            lines = [line for _, line in zip(range(vertex["length"]), file, strict=False)]
-            if len(lines) < vertex["length"] or not all(len(line.split()) == len(names) for line in lines):
-                raise InputError(f"{path}: expected {vertex['length']} vertices of {len(names)} numbers, found others")
-            return [_Raw(np.loadtxt(lines, usecols=[names.index(axis) for axis in "xyz"], ndmin=2))]
-        if any("LIST" in kind for kind in vertex["properties"].values()):
-            raise InputError(f"{path}: expected vertices of plain numbers, found lists in them")
-        kind = np.dtype(list(vertex["properties"].items()))
-        table = np.fromfile(file, kind, vertex["length"])
-    if len(table) < vertex["length"]:
-        raise InputError(f"{path}: truncated: expected {vertex['length']} vertices, found {len(table)}")
-    return [_Raw(np.column_stack([table[axis].astype(np.float64) for axis in "xyz"]))]
-
-
-def _read_pcd(path: Path) -> list[_Raw]:
-    from pypcd4 import PointCloud
-    from scipy.spatial.transform import Rotation
-
-    _check_count(path, _pcd_count(path))
-    cloud = PointCloud.from_path(path)
-    if not {"x", "y", "z"} <= set(cloud.fields):
-        raise InputError(f"{path}: expected fields x, y and z, got {', '.join(cloud.fields)}")
-    points = np.column_stack([np.asarray(cloud.pc_data[axis], np.float64) for axis in "xyz"])
-    x, y, z, w, i, j, k = cloud.metadata.viewpoint
-    if (x, y, z, w, i, j, k) == (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0):
-        return [_Raw(points)]  # the default, which most writers leave as it is: it says nothing
-    return [_Raw(points, np.array([x, y, z]), Rotation.from_quat([i, j, k, w]).as_matrix())]
-
-
-def _pcd_count(path: Path) -> int:
-    """Points that the header promises."""
-    with open(path, "rb") as file:
-        for line in file.read(4096).splitlines():
-            words = line.split()
-            if words[:1] == [b"POINTS"] and len(words) == 2:
-                return int(words[1])
-    raise InputError(f"{path}: expected a PCD header with POINTS, found none")
-
-
-def _read_e57(path: Path) -> list[_Raw]:
-    import pye57
-    from scipy.spatial.transform import Rotation
-
-    file = pye57.E57(str(path))
-    try:
-        found = []
-        for number in range(file.scan_count):
-            header = file.get_header(number)
-            _check_count(path, header.point_count)
-            data = file.read_scan(number, ignore_missing_fields=True)
-            points = np.column_stack([data[f"cartesian{axis}"] for axis in "XYZ"])
-            pose = (None, None)
-            if header.has_pose():
-                w, x, y, z = np.asarray(header.rotation)
-                pose = (np.asarray(header.translation, np.float64), Rotation.from_quat([x, y, z, w]).as_matrix())
-            found.append(_Raw(points, *pose))
-    finally:
-        file.close()
-    if not found:
-        raise InputError(f"{path}: expected at least one scan, found none")
-    return found
-
-
-def _read_las(path: Path) -> list[_Raw]:
-    import laspy
-
-    with laspy.open(path) as file:
-        _check_count(path, file.header.point_count)
-        cloud = file.read()
-    return [_Raw(np.column_stack([np.asarray(getattr(cloud, axis), np.float64) for axis in "xyz"]))]
-
-
-def _read_csv(path: Path) -> list[_Raw]:
-    """A header that names X, Y and Z, or three columns or more of plain numbers."""
-    with open(path, encoding="utf-8-sig", errors="strict") as file:
-        first = file.readline()
-        delimiter = next((mark for mark in (";", ",", "\t") if mark in first), None)
-        names = [name.strip().strip('"').lower() for name in first.split(delimiter)]
-        if all(axis in names for axis in "xyz"):
-            columns = [names.index(axis) for axis in "xyz"]
-        elif _all_numbers(names) and len(names) >= 3:
-            columns = [0, 1, 2]
-            file.seek(0)
-        else:
-            raise InputError(f"{path}: expected columns X, Y and Z, got {', '.join(names)[:200]}")
-        return [_Raw(np.loadtxt(file, delimiter=delimiter, usecols=columns, comments=None, ndmin=2))]
-
-
-def _all_numbers(words: list[str]) -> bool:
-    try:
-        return all(np.isfinite(float(word)) or True for word in words)
-    except ValueError:
-        return False
-
-
-def _read_npy(path: Path) -> list[_Raw]:
-    array = np.lib.format.open_memmap(path, mode="r")  # checks the size that is promised, and admits no objects
-    if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] < 3:
-        raise InputError(f"{path}: expected points (N, 3) of numbers, got {array.dtype} {array.shape}")
-    return [_Raw(np.array(array[:, :3], np.float64))]
-
-
-def _read_npz(path: Path) -> list[_Raw]:
-    """Points under `points`, or rays as `jaxmm scan` writes them."""
-    with zipfile.ZipFile(path) as archive:
-        total = sum(entry.file_size for entry in archive.infolist())
-    if total > 200 * max(path.stat().st_size, 10_000):
-        raise InputError(f"{path}: expected scans, found an archive that swells to {total / 1e9:.3g} GB")
-    with np.load(path, allow_pickle=False) as arrays:
-        names = set(arrays.files)
-        if {"distance", "direction", "origin", "rotation"} <= names:
-            distance, hit = arrays["distance"], np.isfinite(arrays["distance"])
-            origin, rotation = (np.asarray(arrays[name], np.float64) for name in ("origin", "rotation"))
-            if rotation.shape != (3, 3) or origin.shape != (3,) or arrays["direction"].shape != (len(distance), 3):
-                raise InputError(
-                    f"{path}: expected rays with one direction each, and origin and rotation of one sensor"
-                )
-            points = origin + (distance[hit, None].astype(np.float64) * arrays["direction"][hit]) @ rotation.T
-            return [_Raw(points, origin, rotation)]
-        if "points" not in names:
-            raise InputError(
-                f"{path}: expected an array points, or rays as `jaxmm scan` writes them, got {sorted(names)}"
-            )
-        points = arrays["points"]
-    if points.dtype.kind not in "iuf" or points.ndim != 2 or points.shape[1] < 3:
-        raise InputError(f"{path}: expected points (N, 3) of numbers, got {points.dtype} {points.shape}")
-    return [_Raw(points[:, :3])]
-
-
-def _check_count(path: Path, count: int) -> None:
-    """Refuse a number of points that no file holds or, where they are not packed, not this one."""
-    least = LEAST_BYTES.get(path.suffix.lower(), 0)
-    size = path.stat().st_size
-    if not 0 < count <= MOST_POINTS or count * least > size:
-        raise InputError(f"{path}: expected points that fit into its {size} bytes, its header promises {count}")
-
-
 def _line(error: Exception) -> str:
+    """What a library says, where it is worth saying: a missing key or place in a list tells no user anything."""
+    if isinstance(error, LookupError | AttributeError | TypeError | AssertionError):
+        return f"its parts do not fit together ({type(error).__name__})"
     return " ".join(str(error).split())[:200] or type(error).__name__
-
-
-READERS: dict[str, Callable[[Path], Any]] = {
-    ".ply": _read_ply, ".pcd": _read_pcd, ".e57": _read_e57, ".las": _read_las, ".laz": _read_las, ".csv": _read_csv,
-    ".npy": _read_npy, ".npz": _read_npz, ".xyz": _read_csv, ".txt": _read_csv, ".asc": _read_csv,
-}  # fmt: skip

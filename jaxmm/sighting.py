@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN, Frame, Noise, View, frame_of, margins, noise_of, sigma_at
+from jaxmm.evidence import Frame, Noise, View, frame_of, margins, noise_of, sigma_at
+from jaxmm.views import Along, view_of_prior, view_of_robot
 from warp_scanner.pairs import Pairs
 from warp_scanner.points import Kept
 from warp_scanner.poses import rotation_of
@@ -75,10 +76,8 @@ def prior_views(
 
 def _prior_view(pairs: Pairs, expected: Expected, row: int, seen: tuple[Kept, np.ndarray], looks: Looks) -> View:
     (points, pixel), apart = seen
-    through, support, blocked, _ = looks.count.T
-    candidate = (through > support) & (through > blocked)
     element, cosine, margin = pairs.dt.element[row, pixel], expected.cosine[row, pixel], expected.margin[row, pixel]
-    return View(points, element, looks.count, looks.residual, margin, apart, cosine, candidate)
+    return view_of_prior(points, element, (looks.count, looks.residual), margin, apart, cosine)
 
 
 def robot_views(pairs: Pairs, expected: Expected, seen: list[Kept], threads: int | None = None) -> list[View]:
@@ -89,17 +88,8 @@ def robot_views(pairs: Pairs, expected: Expected, seen: list[Kept], threads: int
 
 def _robot_view(pairs: Pairs, expected: Expected, row: int, kept: Kept, apart: np.ndarray) -> View:
     points, pixel = kept
-    reach, margin = expected.distance[row, pixel], expected.margin[row, pixel]
-    residual = pairs.robot.distance[row, pixel] - reach
-    count = np.zeros((len(pixel), 4), np.int64)
-    nothing = np.isinf(reach)
-    side = np.where(residual > margin, THROUGH, np.where(residual < -margin, BLOCKED, SUPPORT))
-    count[np.arange(len(pixel)), np.where(nothing, UNSEEN, side)] = 1
-    own = margins(np.ones(len(pixel)), sigma_at(expected.noise[row], pairs.robot.distance[row, pixel]))
-    candidate = (nothing | (side == BLOCKED)) & (apart > own)
-    nobody = np.full(len(pixel), -1)
-    residual = np.where(nothing, np.nan, residual)
-    return View(points, nobody, count, residual, margin, apart, expected.cosine[row, pixel], candidate)
+    fields = (pairs.robot.distance, expected.distance, expected.margin, expected.cosine)
+    return view_of_robot(points, Along(*(field[row, pixel] for field in fields)), apart, expected.noise[row])
 
 
 def frames_of(pairs: Pairs, sensor: Sensor) -> list[Frame]:

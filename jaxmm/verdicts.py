@@ -1,8 +1,9 @@
-"""Verdicts: what one scan says of every element of the prior, and where it says nothing.
+"""Verdicts: what scans say of every element of the prior, and where they say nothing.
 
-E elements, N points of the DT scan. An element that nobody saw is occluded or unscanned, never a guess.
+E elements, N points of one scan of the prior. An element that nobody saw is occluded or unscanned, never a guess.
 """
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +11,11 @@ import numpy as np
 from jaxmm.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN
 
 PRESENT, REMOVED, OCCLUDED, UNSCANNED = VERDICTS = ("present", "removed", "occluded", "unscanned")
+MOST_SURE = 12.0  # logit beyond which one scan is not trusted
 
 
-class VerdictSettings(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class VerdictSettings:
     """When an element counts as seen, and as removed."""
 
     least_rays: int = 20  # through it or ending on it, of all footprints of its points; with fewer it is occluded
@@ -21,56 +24,94 @@ class VerdictSettings(NamedTuple):
     change_prior: float = 0.02  # P(removed) of an element without evidence
 
 
+class Told(NamedTuple):
+    """What one scan tells of E elements."""
+
+    scanned: np.ndarray  # (E,) bool, whether any ray of the pattern reaches it in the prior
+    points: np.ndarray  # (E,) int of the prior's scan on it
+    rays: np.ndarray  # (E, 4) int in the footprints of those, in the order of evidence.FRACTIONS
+    logit: np.ndarray  # (E,) float64 of P(removed), by this scan alone; NaN where no ray tells
+
+
 class Verdict(NamedTuple):
     """What is known of one element."""
 
-    element: int
     verdict: str  # one of VERDICTS
     probability: float  # P(removed); the prior's where nothing was seen
-    points: int  # of the DT scan on it
-    rays: tuple[int, int, int, int]  # in the footprints of those, in the order of evidence.FRACTIONS
+    points: int
+    rays: tuple[int, int, int, int]
 
 
-def verdicts_of(
-    elements: np.ndarray,
-    scanned: np.ndarray,
-    seen: tuple[np.ndarray, np.ndarray, np.ndarray],
-    settings: VerdictSettings | None = None,
-) -> list[Verdict]:
-    """A verdict for each of the given elements, in their order.
+def told_of(scanned: np.ndarray, element: np.ndarray, rays: np.ndarray, probability: np.ndarray) -> Told:
+    """What one scan tells of each element.
 
-    Rays that go through an element or end on it tell of it; blocked and unseen ones do not.
+    Rays that go through an element or end on it tell of it; blocked and unseen ones do not. Its probability is the
+    mean of its points', each as often as rays tell of it, half and half with the share of its rays that went through: a
+    network may doubt point by point what all of them together leave no doubt of.
 
     Args:
-        elements: (E,) int, all that a verdict is wanted for, in view or not.
-        scanned: (E,) bool, whether any ray of the pattern reaches it in the prior, before filters and thinning.
-        seen: of the DT scan's points their element (N,), the robot's rays in their footprints (N, 4) in the order of
-            evidence.FRACTIONS, and the probability (N,) that each is gone: the greater of the pillar's and the wall's
-            model, for a wall seen end-on looks like a pillar.
-        settings: when an element counts as what.
+        scanned: (E,) bool.
+        element: (N,) int row of each point's element.
+        rays: (N, 4) int of the robot in the footprint of each point, in the order of evidence.FRACTIONS.
+        probability: (N,) that each is gone: the greater of the pillar's and the wall's model, for a wall seen end-on
+            looks like a pillar.
 
     Raises:
         ValueError: the shapes disagree.
     """
+    count, element, rays = len(scanned), np.asarray(element), np.asarray(rays)
+    if rays.shape != (len(element), 4) or np.shape(probability) != element.shape:
+        shapes = f"{element.shape}, {rays.shape}, {np.shape(probability)}"
+        raise ValueError(f"element, rays and probability must be (N,), (N, 4), (N,), got {shapes}")
+    pooled = np.column_stack([np.bincount(element, rays[:, side], count) for side in range(4)]).astype(np.int64)
+    votes = rays[:, [THROUGH, SUPPORT]].sum(axis=1)
+    total = np.bincount(element, votes, count)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.bincount(element, votes * probability, count) / total
+    share = (pooled[:, THROUGH] + 0.5) / (pooled[:, [THROUGH, SUPPORT]].sum(axis=1) + 1.0)
+    logit = np.where(total > 0, (_logit(mean) + _logit(share)) / 2, np.nan)
+    return Told(np.asarray(scanned, bool), np.bincount(element, minlength=count), pooled, logit)
+
+
+def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> list[Verdict]:
+    """The verdict of each of E elements by all scans together: rays are counted together, log-odds add up.
+
+    A scan in which the element does not count as seen adds no odds.
+
+    Args:
+        told: of each scan, at least one.
+        settings: when an element counts as what.
+    """
     settings = settings or VerdictSettings()
-    owner, count, probability = (np.asarray(field) for field in seen)
-    if count.shape != (len(owner), 4) or probability.shape != owner.shape:
-        raise ValueError(f"seen must be (N,), (N, 4), (N,), got {owner.shape}, {count.shape}, {probability.shape}")
-    columns = count, probability, settings
-    return [_verdict(int(one), there, owner == one, *columns) for one, there in zip(elements, scanned, strict=True)]
+    start = float(_logit(np.array(settings.change_prior)))
+    logit = np.full(len(told[0].scanned), start)
+    for one in told:
+        seen = is_seen(one.rays, settings)
+        logit[seen] += one.logit[seen] - start
+    probability = 1.0 / (1.0 + np.exp(-logit))
+    rays, points = sum(one.rays for one in told), sum(one.points for one in told)
+    scanned, seen = (np.any(fields, axis=0) for fields in zip(*_flags(told, settings), strict=True))
+    found = []
+    for row in range(len(logit)):
+        verdict = REMOVED if probability[row] >= settings.threshold else PRESENT
+        if not seen[row]:
+            verdict = OCCLUDED if scanned[row] else UNSCANNED
+        known = float(probability[row]) if seen[row] else settings.change_prior
+        found.append(Verdict(verdict, known, int(points[row]), tuple(int(value) for value in rays[row])))
+    return found
 
 
-def _verdict(
-    element: int, scanned: bool, own: np.ndarray, count: np.ndarray, probability: np.ndarray, settings: VerdictSettings
-) -> Verdict:
-    rays = count[own].sum(axis=0).astype(np.int64)
-    told = count[own][:, [THROUGH, SUPPORT]].sum(axis=1)
-    total, points = int(told.sum()), int(own.sum())
-    shape = (points, tuple(int(value) for value in rays))
-    if not scanned:
-        return Verdict(element, UNSCANNED, settings.change_prior, *shape)
-    if total < settings.least_rays or total < settings.least_share * rays[[THROUGH, SUPPORT, BLOCKED, UNSEEN]].sum():
-        return Verdict(element, OCCLUDED, settings.change_prior, *shape)
-    # Points that no ray tells of have a probability all the same; it counts for nothing here.
-    mean = float(np.average(probability[own], weights=told))
-    return Verdict(element, REMOVED if mean >= settings.threshold else PRESENT, mean, *shape)
+def is_seen(rays: np.ndarray, settings: VerdictSettings) -> np.ndarray:
+    """(E,) bool: whether enough of the rays (E, 4) went through an element or ended on it to tell."""
+    total = rays[:, [THROUGH, SUPPORT]].sum(axis=1)
+    every = rays[:, [THROUGH, SUPPORT, BLOCKED, UNSEEN]].sum(axis=1)
+    return (total >= settings.least_rays) & (total >= settings.least_share * every)
+
+
+def _flags(told: list[Told], settings: VerdictSettings) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [(one.scanned, is_seen(one.rays, settings)) for one in told]
+
+
+def _logit(probability: np.ndarray) -> np.ndarray:
+    clipped = np.clip(probability, 1e-7, 1.0 - 1e-7)
+    return np.clip(np.log(clipped / (1.0 - clipped)), -MOST_SURE, MOST_SURE)

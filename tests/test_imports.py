@@ -8,13 +8,16 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SIMULATOR = {"warp", "warp_scanner"}
-PEERS = {"torch", "open3d", "embreex"}
+PEERS = {"torch", "open3d", "embreex", "py4dgeo", "bcf"}
 FORBIDDEN = {"warp_scanner": {"jax", "flax", "optax", "jaxmm", "benchmarks", "paper"} | PEERS}
 FORBIDDEN["jaxmm"] = SIMULATOR | {"benchmarks", "paper"} | PEERS
 # The only files of jaxmm that know the scanner.
 JOINTS = {
     f"jaxmm/{name}.py": SIMULATOR
-    for name in ("pipeline", "localisation", "gathering", "sides", "sighting", "cloud_sighting", "simulator", "cli")
+    for name in """
+        pipeline localisation gathering sides sighting cloud_sighting simulator cli priors scan_rays room_scans building_sighting
+        hindsight next_view mismatches cli_detect cloud_comparison detection detect_files ifc_update
+    """.split()
 }
 
 

@@ -1,29 +1,17 @@
-"""Verdicts by hand, and in generated rooms against the simulator's truth."""
-
-import dataclasses
+"""Verdicts by hand, for one scan and for several; test_detection.py holds them against the simulator's truth."""
 
 import numpy as np
 import pytest
 
-from jaxmm import runs, sighting
-from jaxmm.config import Config, Table
-from jaxmm.evaluate import pick_model, predict
-from jaxmm.evidence import features_of
-from jaxmm.preprocess import nearest_distance
-from jaxmm.sides import sides_of
-from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VerdictSettings, verdicts_of
-from jaxmm.weights import DEFAULT
-from warp_scanner.pairs import PRESETS, make_pairs
-from warp_scanner.scenes import WALL
-from warp_scanner.sensors import OAK_D_PRO_SMALL
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VerdictSettings, told_of, verdicts_of
 
-UNSEEN_SEED = 78  # that no training, validation or test of ours uses
+PRIOR = VerdictSettings().change_prior
 
 
-def seen(rays, probability, element=None):
-    count = np.array(rays)
-    owner = np.zeros(len(count), int) if element is None else np.array(element)
-    return owner, count, np.full(len(count), probability)
+def told(rays, probability, scanned=True):
+    """What a scan tells of one element with one point per row of rays."""
+    count = np.array(rays).reshape(-1, 4)
+    return told_of(np.array([scanned]), np.zeros(len(count), int), count, np.full(len(count), probability))
 
 
 @pytest.mark.parametrize(
@@ -31,6 +19,8 @@ def seen(rays, probability, element=None):
     [
         pytest.param([[30, 0, 0, 0]], 0.99, REMOVED, id="all rays went through"),
         pytest.param([[0, 30, 0, 0]], 0.01, PRESENT, id="all rays ended on it"),
+        pytest.param([[7831, 0, 0, 0]], 0.24, REMOVED, id="all rays went through, and the network doubts it"),
+        pytest.param([[0, 7831, 0, 0]], 0.7, PRESENT, id="all rays ended on it, and the network doubts it"),
         pytest.param([[0, 0, 500, 0]], 0.99, OCCLUDED, id="all rays ended before it"),
         pytest.param([[0, 0, 0, 500]], 0.99, OCCLUDED, id="no ray came back"),
         pytest.param([[10, 9, 0, 0]], 0.99, OCCLUDED, id="too few rays to tell"),
@@ -39,46 +29,55 @@ def seen(rays, probability, element=None):
     ],
 )
 def test_what_rays_tell(rays, probability, expected):
-    (found,) = verdicts_of(np.array([0]), [True], seen(rays, probability))
+    (found,) = verdicts_of([told(rays, probability)])
     assert found.verdict == expected and found.rays == tuple(rays[0]) and found.points == 1
-    prior = VerdictSettings().change_prior
-    assert found.probability == (pytest.approx(probability) if expected in (PRESENT, REMOVED) else prior)
+    if expected == OCCLUDED:
+        assert found.probability == PRIOR
+    else:
+        assert (found.probability > 0.5) == (expected == REMOVED)
 
 
 def test_what_is_not_in_the_scan_is_unscanned():
-    found = verdicts_of(np.array([5, 6, 0]), [False, True, True], seen([[0, 30, 0, 0]], 0.1))
-    assert [one.verdict for one in found] == [UNSCANNED, OCCLUDED, PRESENT] and found[0].rays == (0, 0, 0, 0)
+    one = told_of(np.array([False, True, True]), np.array([2]), np.array([[0, 30, 0, 0]]), np.array([0.1]))
+    found = verdicts_of([one])
+    assert [each.verdict for each in found] == [UNSCANNED, OCCLUDED, PRESENT] and found[0].rays == (0, 0, 0, 0)
+    assert found[0].probability == found[1].probability == PRIOR
 
 
 def test_points_that_no_ray_tells_of_do_not_vote():
-    rays, probability = np.array([[30, 0, 0, 0], [0, 0, 500, 0]]), np.array([1, 0])
-    (found,) = verdicts_of(np.array([0]), [True], (np.zeros(2, int), rays, probability))
-    assert found.verdict == REMOVED and found.probability == 1.0
+    rays = np.array([[30, 0, 0, 0], [0, 0, 500, 0]])
+    with_blind = told_of(np.array([True]), np.zeros(2, int), rays, np.array([0.9, 0.0]))
+    assert with_blind.logit[0] == pytest.approx(told(rays[0], 0.9).logit[0])
 
 
-def test_verdicts_agree_with_the_truth():
-    """Of walls in occluded rooms, one of which is gone: none is called what it is not, whatever hides it."""
-    models, trained = runs.load_models(DEFAULT)
-    judges = [pick_model(models["evidence"], f"{kind}_removed") for kind in ("pillar", "wall")]
-    settings = dataclasses.replace(
-        PRESETS["varied"], scenario="wall_removed", condition="occluded", sensor=OAK_D_PRO_SMALL, seed=UNSEEN_SEED
-    )
-    config = Config(scan=Table.of({"preset": "varied"}))
-    config = dataclasses.replace(config, preprocess=dataclasses.replace(config.preprocess, object_filter="none"))
-    pairs = make_pairs(settings, np.arange(24))
-    sides, expected = sides_of(config, pairs), sighting.expected_of(pairs, settings.sensor)
-    apart = [nearest_distance(dt.points, robot.points) for dt, robot in zip(*sides, strict=True)]
-    views = sighting.prior_views(pairs, settings.sensor, expected, (sides.dt, apart))
-    found = dict.fromkeys((PRESENT, REMOVED, OCCLUDED, UNSCANNED), 0)
-    for row, (view, frame) in enumerate(zip(views, sighting.frames_of(pairs, settings.sensor), strict=True)):
-        features = features_of(view, frame)
-        probability = np.max([predict(judge, features, trained.network) for judge in judges], axis=0)
-        walls = np.unique(pairs.prior.element[row][pairs.prior.semantic[row] == WALL])
-        scanned = np.isin(walls, pairs.dt.element[row])
-        found_here = verdicts_of(walls, scanned, (view.element, view.count, probability))
-        for one, reached in zip(found_here, scanned, strict=True):
-            gone = one.element == pairs.box.element[row, 0]
-            assert one.verdict != (PRESENT if gone else REMOVED), (row, one)
-            assert (one.verdict == UNSCANNED) == (not reached)
-            found[one.verdict] += 1
-    assert found[REMOVED] >= 18 and found[PRESENT] >= 18 and found[UNSCANNED] > 0
+def test_scans_that_agree_are_surer_than_each_and_order_does_not_matter():
+    one, two = told([[60, 40, 0, 0]], 0.7), told([[80, 30, 0, 0]], 0.8)
+    alone = [verdicts_of([each])[0].probability for each in (one, two)]
+    (both,), (turned,) = verdicts_of([one, two]), verdicts_of([two, one])
+    assert both.probability > max(alone) and both == turned and both.rays == (140, 70, 0, 0) and both.points == 2
+
+
+def test_log_odds_beyond_the_prior_add_up():
+    one, two = told([[60, 40, 0, 0]], 0.7), told([[5, 90, 0, 0]], 0.2)
+    start = np.log(PRIOR / (1 - PRIOR))
+    expected = start + sum(float(each.logit[0]) - start for each in (one, two))
+    (found,) = verdicts_of([one, two])
+    assert found.probability == pytest.approx(1 / (1 + np.exp(-expected)))
+
+
+def test_a_scan_that_saw_nothing_changes_nothing():
+    seen, blocked, away = told([[0, 50, 10, 0]], 0.05), told([[0, 0, 900, 0]], 0.9), told([], 0.5, scanned=False)
+    (alone,), (all_three,) = verdicts_of([seen]), verdicts_of([blocked, seen, away])
+    assert all_three.verdict == PRESENT and all_three.probability == pytest.approx(alone.probability)
+    assert verdicts_of([blocked, away])[0].verdict == OCCLUDED and verdicts_of([away])[0].verdict == UNSCANNED
+
+
+def test_two_hidden_halves_are_enough_together_only_where_one_is_enough_alone():
+    """Odds are taken from scans that tell; two that do not tell each do not tell together."""
+    half = told([[0, 15, 10, 0]], 0.05)
+    assert verdicts_of([half, half])[0].verdict == OCCLUDED
+
+
+def test_shapes_that_disagree_are_refused():
+    with pytest.raises(ValueError, match="must be"):
+        told_of(np.array([True]), np.zeros(2, int), np.zeros((3, 4), int), np.zeros(2))

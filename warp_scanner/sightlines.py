@@ -70,6 +70,23 @@ def sort_directions(direction: np.ndarray, cell: float = 0.015) -> Grid:
         raise ValueError("direction must hold unit vectors")
     if not 1e-3 <= cell <= 1.0:
         raise ValueError(f"cell must be within 0.001 and 1 rad, got {cell}")
+    at, row_start, height = cells_of(direction, cell)
+    order = np.argsort(at, kind="stable")
+    cell_start = starts_of(np.bincount(at, minlength=int(row_start[-1])))
+    return Grid(direction[order], order.astype(np.int32), row_start, cell_start, float(height))
+
+
+def cells_of(direction: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Cells of about equal size that the sphere is divided into.
+
+    Args:
+        direction: (P, 3) unit vectors.
+        cell: height of a belt and width of a cell [rad].
+
+    Returns:
+        The cell of each direction (P,) int64, the first cell of each belt and the end (rows + 1,), and the height of a
+        belt [rad].
+    """
     rows = int(np.ceil(np.pi / cell))
     height = np.pi / rows
     middle = (np.arange(rows) + 0.5) * height - np.pi / 2
@@ -79,9 +96,7 @@ def sort_directions(direction: np.ndarray, cell: float = 0.015) -> Grid:
     turn = (np.arctan2(direction[:, 1], direction[:, 0]).astype(np.float64) + np.pi) / (2 * np.pi)
     row = np.clip(np.floor((elevation + np.pi / 2) / height), 0, rows - 1).astype(np.int64)
     at = row_start[row] + np.minimum(np.floor(turn * cells[row]), cells[row] - 1).astype(np.int64)
-    order = np.argsort(at, kind="stable")
-    cell_start = starts_of(np.bincount(at, minlength=int(row_start[-1])))
-    return Grid(direction[order], order.astype(np.int32), row_start, cell_start, float(height))
+    return at, row_start, height
 
 
 def look(

@@ -1,0 +1,155 @@
+"""What `detect` finds in building files: walls and columns taken out or put in by script, scanned, and looked for.
+
+    python -m benchmarks.buildings FOLDER --out runs/buildings [--pairs 10] [--condition occluded]
+
+Every IFC file below FOLDER; for each of the four changes as many views as asked for, from free places of the building.
+A view of a change with an observable fraction of at least 0.2 is right when exactly that element is called removed, or
+exactly that object is found; of a change that shows less, finding nothing is right as well. What is there is not made
+again. Prints Markdown, and how long a scan of 1280 x 800 takes from loaded arrays to the report.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmm.box_match import match_boxes
+from jaxmm.config import SCENARIOS
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.files import load_json, write_json
+from jaxmm.inputs import InputError
+from jaxmm.judging import Judges
+from jaxmm.priors import Prior, read_prior
+from jaxmm.report import Mismatch, box_of, to_json
+from jaxmm.room_scans import true_boxes
+from jaxmm.scan_rays import PosedScan
+from jaxmm.verdicts import REMOVED
+from jaxmm.weights import DEFAULT
+from warp_scanner.building_pairs import BuildingPairConfig, make_building_pairs
+from warp_scanner.pairs import Pairs
+from warp_scanner.points import points_of
+from warp_scanner.poses import rotation_of
+from warp_scanner.sensors import OAK_D_PRO, OAK_D_PRO_SMALL, Sensor
+
+LEAST_SHOWN = 0.2
+SEED = 3  # of the test rooms
+
+
+def main(folder: Path, out: Path, pairs: int, condition: str, model: Path) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    judges = read_judges(model)
+    for path in sorted(folder.rglob("*.ifc")):
+        kept = out / f"{path.stem}_{condition}.json"
+        if not kept.exists():
+            write_json(kept, _file(path, judges, pairs, condition))
+        print(path.stem, flush=True)
+    print(table(out, condition))
+
+
+def _file(path: Path, judges: Judges, count: int, condition: str) -> dict[str, Any]:
+    begun = time.perf_counter()
+    prior = read_prior(path)
+    told: dict[str, Any] = {"loading": time.perf_counter() - begun, "views": [], "without": []}
+    for scenario in SCENARIOS:
+        for number in range(count):
+            try:
+                case = _case(prior, scenario, condition, number, OAK_D_PRO_SMALL)
+            except (ValueError, RuntimeError) as error:
+                told["without"].append(f"{scenario}: {error}")
+                break
+            told["views"].append(_view(prior, judges, scenario, *case))
+    told["seconds"] = _timed(prior, judges, condition)
+    return told
+
+
+def _case(prior: Prior, scenario: str, condition: str, number: int, sensor: Sensor) -> tuple[Pairs, PosedScan]:
+    """A view of one change, and its scan."""
+    config = BuildingPairConfig(seed=SEED, scenario=scenario, condition=condition, sensor=sensor)
+    pairs = make_building_pairs(prior.building, config, np.array([number]))
+    back = np.isfinite(pairs.robot.distance[0])
+    points = points_of(pairs.pose, pairs.directions, pairs.robot.distance)[0, back]
+    turn = rotation_of(pairs.pose.yaw, pairs.pose.pitch)[0].astype(np.float64)
+    return pairs, PosedScan(points, pairs.pose.position[0].astype(np.float64), turn, sensor)
+
+
+def _view(prior: Prior, judges: Judges, scenario: str, pairs: Pairs, scan: PosedScan) -> dict[str, Any]:
+    """What one view shows and what was found in it."""
+    removed = scenario.endswith("removed")
+    true, shown = true_boxes(pairs, 0, -1 if removed else 1)
+    row = int(pairs.box.element[0, 0])
+    told = {"scenario": scenario, "shown": shown[0], "pose": [float(one) for one in scan.position]}
+    try:
+        settings = DetectSettings(propose_views=False)
+        found = detect_scans(prior, [NamedScan(scan, "scan", len(scan.points), "given")], judges, settings)
+    except InputError as error:
+        return told | {"refused": str(error)}
+    own = [one for one in found.mismatches if one.mismatch_type == scenario.split("_")[1]]
+    guid = prior.building.elements.guid[row] if removed else None
+    right = _right(own, true, guid)
+    verdict = next((one.verdict for one in found.elements if one.guid == guid), None)
+    gone = [one.guid for one in found.elements if one.verdict == REMOVED and one.guid != guid]
+    return told | {
+        "found": right, "false": len(found.mismatches) - right, "verdict": verdict, "wrong_elements": gone,
+        "sentences": list(found.sentences),
+    }  # fmt: skip
+
+
+def _right(found: list[Mismatch], true: list, guid: str | None) -> int:
+    """How many of the mismatches are the true one: by GlobalId, or by box."""
+    if guid is not None:
+        return sum(one.element == guid for one in found)
+    return len(match_boxes([box_of(one) for one in found], true))
+
+
+def _timed(prior: Prior, judges: Judges, condition: str) -> dict[str, float]:
+    """Seconds from loaded arrays to the report's text, of a scan of 1280 x 800: the first one and a warm one."""
+    try:
+        _, scan = _case(prior, "wall_added", condition, 0, OAK_D_PRO)
+    except (ValueError, RuntimeError):
+        return {}
+    seconds = {}
+    for name in ("first", "warm"):
+        begun = time.perf_counter()
+        try:
+            one = NamedScan(scan, "scan", len(scan.points), "given")
+            json.dumps(to_json(detect_scans(prior, [one], judges, DetectSettings())))
+        except InputError:
+            return {}
+        seconds[name] = time.perf_counter() - begun
+    return seconds
+
+
+def table(out: Path, condition: str) -> str:
+    """All files, as Markdown."""
+    lines = [
+        "| file | views | shown well | of those right | shown less | of those right | false mismatches | reading [s] | "
+        "detection warm [s] |",
+        "| --- |" + " --- |" * 8,
+    ]
+    for path in sorted(out.glob(f"*_{condition}.json")):
+        told = load_json(path)
+        views = [one for one in told["views"] if "refused" not in one]
+        well = [one for one in views if one["shown"] >= LEAST_SHOWN]
+        less = [one for one in views if one["shown"] < LEAST_SHOWN]
+        cells = [path.stem.removesuffix(f"_{condition}"), len(told["views"]), len(well)]
+        cells += [sum(one["found"] == 1 and one["false"] == 0 for one in well), len(less)]
+        cells += [sum(one["false"] == 0 for one in less), sum(one["false"] for one in views)]
+        cells += [f"{told['loading']:.1f}", f"{told['seconds'].get('warm', float('nan')):.2f}"]
+        lines.append(f"| {' | '.join(str(cell) for cell in cells)} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--pairs", type=int, default=10, metavar="N", help="views of each change")
+    parser.add_argument("--condition", choices=("clean", "occluded"), default="occluded")
+    parser.add_argument("--model", type=Path, default=DEFAULT, metavar="RUN|FILE")
+    asked = parser.parse_args()
+    main(asked.folder, asked.out, asked.pairs, asked.condition, asked.model)

@@ -1,0 +1,213 @@
+"""What `detect` finds in held-out rooms, from scan to mismatches and verdicts, with either preset.
+
+    python -m benchmarks.detections --out runs/detections [--rooms 200] [--only wall_removed ...] [--model RUN|FILE]
+
+Every room is one scan of 320 x 200 with furniture and one without, against its own building model. For each kind of
+scene and condition a JSON file with what was found in every room; what is there is not made again. Prints Markdown:
+precision and recall of objects (recall: of those with an observable fraction of at least 0.2), errors of centres, and
+verdicts against the simulator's truth.
+"""
+
+import argparse
+import itertools
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmm.box_match import match_boxes
+from jaxmm.boxes import Box
+from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, UNCHANGED
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import PRESETS as HOW
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.files import load_json, write_json
+from jaxmm.judging import Judges
+from jaxmm.report import Detection, box_of
+from jaxmm.room_scans import RoomCase, room_cases, true_boxes
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, VerdictSettings
+from jaxmm.weights import DEFAULT
+from warp_scanner.pairs import Pairs
+
+TEST_SEED = 3  # of configs/weights.toml: neither training nor any choice has seen its rooms
+SCENES = (*SCENARIOS, UNCHANGED, *MULTI_SCENARIOS)
+LEAST_SHOWN = 0.2  # observable fraction from which an object is to be found
+AT_ONCE = 20  # rooms
+FEWER = {UNCHANGED: 2.5} | dict.fromkeys(MULTI_SCENARIOS, 0.5)  # of the rooms of a single change
+
+
+def main(out: Path, rooms: int, only: list[str], model: Path, seed: int) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    parts = [
+        (scene, condition, start, min(AT_ONCE, count - start), model, seed, out)
+        for scene, condition in itertools.product(only or SCENES, CONDITIONS)
+        for count in [round(rooms * FEWER.get(scene, 1.0) / (2 if scene == UNCHANGED else 1))]
+        for start in range(0, count, AT_ONCE)
+    ]
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        for line in pool.map(_part, parts):
+            print(line, flush=True)
+    print(table(out))
+
+
+def _part(task: tuple) -> str:
+    scene, condition, start, count, model, seed, out = task
+    path = out / f"{scene}_{condition}_{start}.json"
+    if not path.exists():
+        judges = read_judges(model)
+        found = [_room(judges, case) for case in room_cases(scene, condition, seed, range(start, start + count))]
+        write_json(path, found)
+    return f"{scene} {condition}: rooms {start} to {start + count - 1}"
+
+
+def _room(judges: Judges, case: RoomCase) -> dict[str, Any]:
+    told: dict[str, Any] = {}
+    for preset in HOW:
+        settings = DetectSettings(preset=preset, refine=False, propose_views=False)
+        scan = NamedScan(case.scan, "scan", len(case.scan.points), "given")
+        found = detect_scans(case.prior, [scan], judges, settings)
+        told[preset] = _objects(found, case.pairs, case.row)
+        told["elements"] = [list(one) for one, _ in elements_of(found, case)]
+    return told
+
+
+def _objects(found: Detection, pairs: Pairs, row: int) -> dict[str, Any]:
+    """Objects found and true, by change: those that stand for each other, with how far off they are."""
+    told: dict[str, Any] = {"found": 0, "right": 0, "wanted": 0, "reached": 0, "off": [], "objects": []}
+    for change, sign in (("added", 1), ("removed", -1)):
+        true, shown = true_boxes(pairs, row, sign)
+        boxes = [box_of(one) for one in found.mismatches if one.mismatch_type == change]
+        matches = match_boxes(boxes, true)
+        wanted = [number for number, share in enumerate(shown) if share >= LEAST_SHOWN]
+        reached = {match.truth for match in matches}
+        told["found"] += len(boxes)
+        told["right"] += len(matches)
+        told["wanted"] += len(wanted)
+        told["reached"] += len(reached & set(wanted))
+        sensor = pairs.pose.position[row]
+        told["objects"] += [
+            _as_seen(box, share, sensor) | {"change": change, "found": number in reached}
+            for number, (box, share) in enumerate(zip(true, shown, strict=True))
+        ]
+        for match in matches:
+            off = _off(boxes[match.found], true[match.truth])
+            told["off"].append([true[match.truth].object_type, change, *off])
+    return told
+
+
+def _as_seen(box: Box, shown: float, sensor: np.ndarray) -> dict[str, Any]:
+    """What makes a true object hard to see: its size, how far and how slantwise it stands, and what hides it."""
+    toward = np.asarray(box.center[:2], np.float64) - sensor[:2]
+    reach = float(np.linalg.norm(toward))
+    turn = np.radians(box.rotation) + (np.pi / 2 if box.dimensions[0] >= box.dimensions[1] else 0.0)
+    facing = abs(float(toward @ [np.cos(turn), np.sin(turn)])) / max(reach, 1e-6)
+    return {
+        "type": box.object_type, "shown": round(shown, 4), "range": round(reach, 3),
+        "size": round(float(max(box.dimensions[:2])), 3),
+        "incidence": round(float(np.degrees(np.arccos(min(facing, 1.0)))), 1),
+    }  # fmt: skip
+
+
+def _off(found: Box, true: Box) -> tuple[float, float]:
+    """How far a centre is off [m]: in plan, and across the longer horizontal edge of the true box."""
+    offset = (np.asarray(found.center) - true.center)[:2]
+    turn = np.radians(true.rotation) + (np.pi / 2 if true.dimensions[0] >= true.dimensions[1] else 0.0)
+    return float(np.linalg.norm(offset)), abs(float(offset @ [np.cos(turn), np.sin(turn)]))
+
+
+def elements_of(found: Detection, case: RoomCase) -> list[tuple[tuple[str, str, float], str]]:
+    """Truth, verdict and probability of every wall and column, with its guid.
+
+    True verdicts count rays as the simulator knows them, with the limits of VerdictSettings.
+    """
+    pairs, row, limits, told = case.pairs, case.row, VerdictSettings(), []
+    gone = set(pairs.box.element[row, pairs.box.change[row] < 0].tolist())
+    said = {one.guid: one for one in found.elements}
+    for number, guid in zip(case.ids.tolist(), case.prior.building.elements.guid, strict=True):
+        if guid not in said:
+            continue
+        meant = pairs.dt.element[row] == number
+        tells = meant & (pairs.testable_dt[row] if number in gone else pairs.robot.element[row] == number)
+        seen = tells.sum() >= limits.least_rays and tells.sum() >= limits.least_share * meant.sum()
+        truth = (REMOVED if number in gone else PRESENT) if seen else OCCLUDED if meant.any() else UNSCANNED
+        told.append(((truth, said[guid].verdict, round(said[guid].probability, 6)), guid))
+    return told
+
+
+def table(out: Path) -> str:
+    """All that was found, as Markdown."""
+    lines = [
+        "| scene | condition | rooms | precision | recall | of the thesis's preset | rooms without a false object |"
+    ]
+    lines.append("| --- | --- | --- | --- | --- | --- | --- |")
+    every, off = [], {preset: [] for preset in HOW}
+    for scene, condition in itertools.product(SCENES, CONDITIONS):
+        paths = sorted(out.glob(f"{scene}_{condition}_[0-9]*.json"))
+        rooms = [room for path in paths for room in load_json(path)]
+        if not rooms:
+            continue
+        every += [element for room in rooms for element in room["elements"]]
+        cells = {}
+        for preset in HOW:
+            total = {key: sum(room[preset][key] for room in rooms) for key in ("found", "right", "wanted", "reached")}
+            off[preset] += [one for room in rooms for one in room[preset]["off"]]
+            cells[preset] = f"{_share(total['right'], total['found'])}", f"{_share(total['reached'], total['wanted'])}"
+        clean = np.mean([room["default"]["found"] == room["default"]["right"] for room in rooms])
+        lines.append(
+            f"| {scene.replace('_', ' ')} | {condition} | {len(rooms)} | {cells['default'][0]} | {cells['default'][1]} "
+            f"| {' / '.join(cells['thesis'])} | {clean:.3f} |"
+        )
+    return "\n".join([*lines, "", *_offsets(off), "", *_confusion(every), "", *_risk(every)])
+
+
+def _share(part: int, whole: int) -> str:
+    return f"{part / whole:.3f} ({part}/{whole})" if whole else "-"
+
+
+def _offsets(off: dict[str, list]) -> list[str]:
+    """Median and 95th percentile of how far centres of pillars, and planes of walls, are off."""
+    lines = ["| preset | pillar centres [m], median, 95 % | wall planes [m], median, 95 % |", "| --- | --- | --- |"]
+    for preset, rows in off.items():
+        cells = []
+        for kind, place in (("pillar", 2), ("wall", 3)):
+            values = [one[place] for one in rows if one[0] == kind and one[1] == "added"]
+            cells.append(f"{np.median(values):.3f}, {np.percentile(values, 95):.3f}" if values else "-")
+        lines.append(f"| {preset}, added objects | {cells[0]} | {cells[1]} |")
+    return lines
+
+
+def _confusion(elements: list[list[Any]]) -> list[str]:
+    lines = [f"| truth | {' | '.join(VERDICTS)} |", "| --- |" + " --- |" * len(VERDICTS)]
+    for truth in VERDICTS:
+        counts = [sum(one[0] == truth and one[1] == verdict for one in elements) for verdict in VERDICTS]
+        lines.append(f"| {truth} | {' | '.join(str(count) for count in counts)} |")
+    return lines
+
+
+def _risk(elements: list[list[Any]]) -> list[str]:
+    """Share of wrong verdicts among the surest ones, of what could be told at all."""
+    told = [one for one in elements if one[0] in (PRESENT, REMOVED) and one[1] in (PRESENT, REMOVED)]
+    testable = sum(one[0] in (PRESENT, REMOVED) for one in elements)
+    if not told:
+        return []
+    sure = np.array([abs(one[2] - 0.5) for one in told])
+    wrong = np.array([one[0] != one[1] for one in told])[np.argsort(-sure, kind="stable")]
+    lines = ["| coverage of testable elements | risk |", "| --- | --- |"]
+    for share in (0.5, 0.8, 0.9, 0.95, 1.0):
+        count = max(1, round(share * len(wrong)))
+        lines.append(f"| {count / testable:.3f} | {wrong[:count].mean():.4f} |")
+    return lines
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--rooms", type=int, default=200, metavar="N")
+    parser.add_argument("--only", nargs="+", choices=SCENES, default=[], metavar="SCENE")
+    parser.add_argument("--model", type=Path, default=DEFAULT, metavar="RUN|FILE")
+    parser.add_argument("--seed", type=int, default=TEST_SEED, metavar="N")
+    asked = parser.parse_args()
+    main(asked.out, asked.rooms, asked.only, asked.model, asked.seed)

@@ -1,0 +1,140 @@
+"""Which elements of a prior are gone: `detect` beside what people use today, on the same rooms.
+
+    python -m benchmarks.rivals --out runs/rivals.json [--rooms 100]
+
+Rivals, each told from where the scan was taken, and given the points of every element that are in view there:
+
+- *cloud to mesh*: the median distance of an element's points to the scan (what CloudCompare's C2C and C2M compute);
+- *coverage*: the share of an element's points with a point of the scan within 0.1 m (Bosche 2010), less than which it
+  counts as gone;
+- *M3C2* (Lague et al. 2013, by py4dgeo): the median distance along the normal, cylinders of 0.2 m; no point in a
+  cylinder counts as the farthest.
+
+Each rival's threshold is chosen for the best F1 on validation rooms, which is more than its user can do; `detect` keeps
+its own. Scored are elements that reality shows to be there or gone, in rooms with one removed wall or pillar, and
+beside them how many of those that nobody can see it calls removed. Needs py4dgeo (make setup-peers).
+"""
+
+import argparse
+from contextlib import chdir
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from sklearn.metrics import roc_auc_score
+
+from benchmarks.detections import elements_of
+from jaxmm.building_sighting import sight
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.files import write_json
+from jaxmm.pools import normals_of
+from jaxmm.preprocess import nearest_distance
+from jaxmm.room_scans import RoomCase, room_cases
+from jaxmm.scan_rays import rays_of_scan
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.weights import DEFAULT
+
+VALIDATION_SEED, TEST_SEED = 2, 3
+COVERED = 0.1  # [m]
+CYLINDER, DEPTH = 0.2, 1.0  # [m] radius and half length of M3C2's cylinders
+FARTHEST = 2.0  # [m] distance of what has no counterpart
+RIVALS = ("cloud to mesh", "coverage", "M3C2")
+SCENES = ("wall_removed", "pillar_removed")
+
+
+def main(out: Path, rooms: int) -> None:
+    judges = read_judges(DEFAULT)
+    lines = ["| condition | method | elements | precision | recall | ROC AUC | unseen called removed |"]
+    lines.append("| --- | --- | --- | --- | --- | --- | --- |")
+    kept: dict[str, Any] = {}
+    for condition in ("clean", "occluded"):
+        chosen = _scored(condition, VALIDATION_SEED, max(20, rooms // 2), judges)
+        tested = _scored(condition, TEST_SEED, rooms, judges)
+        kept[condition] = tested
+        for name in (*RIVALS, "detect"):
+            threshold = 0.5 if name == "detect" else _best_threshold(chosen, name)
+            lines.append(_line(condition, name, tested, threshold))
+    write_json(out, kept)
+    print("\n".join(lines))
+
+
+def _scored(condition: str, seed: int, rooms: int, judges) -> list[dict[str, Any]]:
+    """Truth and every method's score of each wall and column."""
+    settings, told = DetectSettings(refine=False, propose_views=False), []
+    for scene in SCENES:
+        for start in range(0, rooms, 20):
+            for case in room_cases(scene, condition, seed, range(start, min(start + 20, rooms))):
+                scan = NamedScan(case.scan, "scan", len(case.scan.points), "given")
+                found = detect_scans(case.prior, [scan], judges, settings)
+                scores = _rivals(case)
+                for (truth, verdict, probability), guid in elements_of(found, case):
+                    row = case.prior.building.elements.guid.index(guid)
+                    mine = probability if verdict in (PRESENT, REMOVED) else 0.0
+                    told.append({"truth": truth, "detect": mine} | {name: float(scores[name][row]) for name in RIVALS})
+    return told
+
+
+def _rivals(case: RoomCase) -> dict[str, np.ndarray]:
+    """Scores (E,), the higher the likelier gone; 0 of an element without points in view."""
+    seen = sight(case.prior.scene, rays_of_scan(case.scan)).prior
+    points, scan = seen.points.astype(np.float64), np.asarray(case.scan.points, np.float64)
+    apart = np.minimum(nearest_distance(points, scan), FARTHEST)
+    along = _m3c2(points, scan)
+    count = len(case.ids)
+    scores = {name: np.zeros(count) for name in RIVALS}
+    for row in np.unique(seen.element):
+        own = seen.element == row
+        scores["cloud to mesh"][row] = np.median(apart[own])
+        scores["coverage"][row] = np.mean(apart[own] > COVERED)
+        scores["M3C2"][row] = np.median(along[own])
+    return scores
+
+
+def _m3c2(points: np.ndarray, scan: np.ndarray) -> np.ndarray:
+    """Absolute M3C2 distances (N,) [m] of the points to the scan."""
+    with TemporaryDirectory() as folder, chdir(folder):  # it begins a log where it is imported
+        import py4dgeo
+    py4dgeo.set_num_threads(1)
+    before, after = py4dgeo.Epoch(points), py4dgeo.Epoch(scan)
+    search = py4dgeo.M3C2(
+        epochs=(before, after), corepoints=points, corepoint_normals=normals_of(points)[0], cyl_radius=CYLINDER,
+        max_distance=DEPTH,
+    )  # fmt: skip
+    distance, _ = search.run()
+    return np.where(np.isfinite(distance), np.abs(distance), FARTHEST)
+
+
+def _best_threshold(told: list[dict[str, Any]], name: str) -> float:
+    known = [one for one in told if one["truth"] in (PRESENT, REMOVED)]
+    gone = np.array([one["truth"] == REMOVED for one in known])
+    score = np.array([one[name] for one in known])
+    candidates = np.unique(score)
+    candidates = candidates[:: max(1, len(candidates) // 400)]
+    return float(max(candidates, key=lambda level: _f1(score >= level, gone)))
+
+
+def _f1(called: np.ndarray, gone: np.ndarray) -> float:
+    return 2.0 * np.sum(called & gone) / max(1, called.sum() + gone.sum())
+
+
+def _line(condition: str, name: str, told: list[dict[str, Any]], threshold: float) -> str:
+    known = [one for one in told if one["truth"] in (PRESENT, REMOVED)]
+    hidden = [one for one in told if one["truth"] in (OCCLUDED, UNSCANNED)]
+    gone = np.array([one["truth"] == REMOVED for one in known])
+    score = np.array([one[name] for one in known])
+    called = score >= threshold
+    precision, recall = np.sum(called & gone) / max(1, called.sum()), np.sum(called & gone) / max(1, gone.sum())
+    wrong = sum(one[name] >= threshold for one in hidden)
+    quality = f"{precision:.3f} | {recall:.3f} | {roc_auc_score(gone, score):.4f}"
+    return f"| {condition} | {name} | {len(known)} | {quality} | {wrong} of {len(hidden)} |"
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.json")
+    parser.add_argument("--rooms", type=int, default=100, metavar="N", help="of each removed object")
+    asked = parser.parse_args()
+    main(asked.out, asked.rooms)

@@ -1,0 +1,104 @@
+"""`jaxmm detect` and `jaxmm revert` on the command line: their options, and what is printed."""
+
+import argparse
+from pathlib import Path
+
+from jaxmm.inputs import InputError
+
+EXAMPLE = "jaxmm detect house.ifc scan.e57 --pose 4,-3,1.5,90 --sensor oak-d-pro --out found"
+POSES = "for every scan one, in order; or a JSON file of poses; default: what the scan file says, else it is estimated"
+SENSORS = (
+    "oak-d-pro, oak-d-pro-small, velodyne-16, ouster-64, tls, or a TOML file: says what was in view without a return; "
+    "default: the view that the points span"
+)
+
+
+def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
+    """The options of `jaxmm detect`; `pose` says how a pose reads."""
+    command.add_argument("prior", type=Path, metavar="PRIOR", help="building model: .ifc, a mesh, or a point cloud")
+    command.add_argument(
+        "scans", type=Path, nargs="+", metavar="SCAN",
+        help=".ply, .pcd, .e57, .las, .laz, .csv, .npy, .npz or .xyz; E57 may hold several",
+    )  # fmt: skip
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the reports")
+    command.add_argument(
+        "--pose", action="append", default=[], metavar="X,Y,Z,YAW[,PITCH]|FILE.json", help=f"{pose}; {POSES}"
+    )
+    command.add_argument("--sensor", metavar="NAME|FILE", help=SENSORS)
+    command.add_argument("--preset", choices=("default", "thesis"), default="default", help="how points become boxes")
+    command.add_argument("--model", type=Path, metavar="RUN|FILE", help="default: the models that come with jaxmm")
+    command.add_argument("--settings", type=Path, metavar="FILE.toml", help="any setting of detect_settings.py")
+    command.add_argument("--classes", nargs="+", metavar="CLASS", help="that get a verdict; default: wall column")
+    command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
+    command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
+    command.add_argument("--frame", choices=("world", "sensor"), default="world", help="of the scans' points")
+    command.add_argument("--unit", type=float, metavar="METRES", help="of the scans; default: told by how they fit")
+    command.add_argument("--prior-unit", type=float, default=1.0, metavar="METRES", help="of a mesh or cloud as prior")
+    command.add_argument("--up", choices=("y", "z"), help="axis of a mesh as prior; default: told by how it fits")
+    command.add_argument("--open-doors", action="store_true", help="leave the prior's doors out")
+    command.add_argument(
+        "--clear-glass", action="store_true", help="let rays pass the glass of the prior's windows"
+    )
+
+
+# The imports below wait until they are needed: --help should not load JAX.
+
+
+def detect(options: argparse.Namespace) -> None:
+    """Read, compare, write, and print what was found."""
+    from jaxmm import detect_files
+    from jaxmm.detect_settings import load_settings
+    from jaxmm.files import check_folder
+    from jaxmm.scan_poses import read_poses
+    from jaxmm.weights import DEFAULT
+
+    check_folder(options.out, "--out")
+    detect_files.check_empty(options.out)
+    given = {"preset": options.preset}
+    if options.no_refine:
+        given["refine"] = False
+    if options.classes:
+        given["classes"] = options.classes
+    settings = load_settings(options.settings, **given)
+    detection = detect_files.detect(
+        options.prior, options.scans, read_poses(options.pose) or None,
+        reading=_reading(options), settings=settings, model=options.model or DEFAULT,
+    )  # fmt: skip
+    for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
+        print(note)
+    said = detect_files.write_all(detection, options.prior, options.out, apply=options.apply)
+    for line in (*said, *detection.sentences, detection.summary()):
+        print(line)
+    print(f"reports: {options.out}")
+
+
+def _reading(options: argparse.Namespace):
+    from jaxmm.detect_files import Reading
+    from warp_scanner.buildings import ReadOptions
+    from warp_scanner.sensors import sensor_named
+
+    if options.unit is not None and not 0.0 < options.unit < 1e6:
+        raise InputError(f"--unit: expected a length in metres above 0, got {options.unit:g}")
+    if options.prior.suffix.lower() == ".ifc" and (options.prior_unit != 1.0 or options.up is not None):
+        raise InputError(f"--prior-unit, --up: not for IFC; {options.prior} says its unit and axes itself")
+    try:
+        prior = ReadOptions(
+            glass="transparent" if options.clear_glass else "solid",
+            doors="open" if options.open_doors else "closed",
+            y_up=None if options.up is None else options.up == "y",
+            unit=options.prior_unit,
+        )
+        sensor = sensor_named(options.sensor) if options.sensor else None
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    return Reading(prior, options.unit, options.frame, sensor)
+
+
+def revert(options: argparse.Namespace) -> None:
+    """Undo an update."""
+    from jaxmm import ifc_undo
+    from jaxmm.files import check_writable
+
+    check_writable(options.out, "--out")
+    ifc_undo.revert(options.updated, options.out)
+    print(f"model: {options.out}")

@@ -1,0 +1,205 @@
+"""Detection: robot scans against a prior, from arrays to mismatches and verdicts.
+
+S scans, E elements. Positions are offsets from the prior's origin, world axes: metres, z up.
+"""
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.building_sighting import sight, surfaces_along
+from jaxmm.cloud_comparison import compare, visible
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.inputs import InputError
+from jaxmm.judging import Judges, Side, judge
+from jaxmm.mismatches import Looked, mismatches_of
+from jaxmm.next_view import Stage, next_views
+from jaxmm.placement import Placed, place
+from jaxmm.priors import Prior
+from jaxmm.report import Detection, Drawing, ElementVerdict, Pose, ScanRecord
+from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
+from jaxmm.verdicts import OCCLUDED, VERDICTS, Told, Verdict, told_of, verdicts_of
+from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
+from warp_scanner.sensors import Pinhole
+
+SEMANTIC = {"wall": WALL, "column": PILLAR, "door": DOOR, "window": WINDOW, "slab": FLOOR}
+
+
+class NamedScan(NamedTuple):
+    """A robot scan with what is known of its file."""
+
+    scan: PosedScan
+    file: str
+    points: int  # in the file
+    pose_source: str  # "given", "file" or "estimated"
+    deviation: Pose | None = None  # standard deviations of an estimated pose
+    notes: tuple[str, ...] = ()
+
+
+def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings: DetectSettings) -> Detection:
+    """Compare scans with a prior.
+
+    Args:
+        prior: from priors.read_prior.
+        scans: at least one.
+        judges: the four models.
+        settings: how.
+
+    Raises:
+        InputError: a scan does not fit; the line names its file.
+    """
+    timing, start = {}, time.perf_counter()
+    placed = [_placed(prior, one, settings) for one in scans]
+    timing["registration"] = time.perf_counter() - start
+    looked, told = [], []
+    for one, scan in zip(placed, scans, strict=True):
+        try:
+            found, says = _looked(prior, rays_of_scan(one.scan), judges)
+        except (InputError, ValueError) as error:
+            raise InputError(f"{scan.file}: {error}") from error
+        looked.append(found)
+        told.append(says)
+    timing["evidence"] = time.perf_counter() - start - sum(timing.values())
+    verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
+    mismatches = mismatches_of(prior, looked, _of_classes(prior, verdicts, settings), settings)
+    timing["objects"] = time.perf_counter() - start - sum(timing.values())
+    elements = _elements(prior, verdicts, looked, settings) if verdicts is not None else ()
+    timing["next views"] = time.perf_counter() - start - sum(timing.values())
+    records = _records(prior, scans, placed, (told, settings))
+    drawing = _drawing(prior, looked, placed)
+    timing["total"] = time.perf_counter() - start
+    residuals = [one.residual for one in placed]
+    fits = [one.registration for one in records]
+    registration = {"refined": settings.refine, "residual": max(residuals), "scans": fits}
+    return Detection(mismatches, elements, records, registration, settings.as_json(), timing, prior.notes, drawing)
+
+
+def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
+    try:
+        rays = rays_of_scan(one.scan)
+        shown = surfaces_along(prior.scene, rays) if prior.has_elements else visible(prior.cloud, rays)
+        return place(one.scan, shown, refine=settings.refine, limits=settings.limits)
+    except (InputError, ValueError) as error:
+        raise InputError(f"{one.file}: {error}") from error
+
+
+def _looked(prior: Prior, rays: ScanRays, judges: Judges) -> tuple[Looked, Told | None]:
+    """Both sides of one scan, judged; and what it tells of each element of a building."""
+    if not prior.has_elements:
+        compared = compare(prior.cloud, rays)
+        frame, nothing = compared.frame, np.full(len(rays.distance), np.inf, np.float32)
+        added, removed = judge(judges, compared.robot, frame, "added"), judge(judges, compared.prior, frame, "removed")
+        return Looked(rays, nothing, added, removed, (frame.floor, frame.ceiling)), None
+    seen = sight(prior.scene, rays)
+    added, removed = judge(judges, seen.robot, seen.frame, "added"), judge(judges, seen.prior, seen.frame, "removed")
+    told = told_of(seen.reached, removed.view.element, removed.view.count, removed.probability)
+    return Looked(rays, seen.expected.distance, added, removed, (seen.frame.floor, seen.frame.ceiling)), told
+
+
+def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:
+    """The verdicts, with those of all other classes left open."""
+    if verdicts is None:
+        return None
+    wanted = np.isin(prior.building.elements.semantic, [SEMANTIC[name] for name in settings.classes])
+    return [one if mine else one._replace(verdict=OCCLUDED) for one, mine in zip(verdicts, wanted, strict=True)]
+
+
+def _elements(
+    prior: Prior, verdicts: list[Verdict], looked: list[Looked], settings: DetectSettings
+) -> tuple[ElementVerdict, ...]:
+    """The verdicts of the wanted classes, with a view to take next where one was hidden."""
+    table, storeys = prior.building.elements, prior.building.storeys
+    rows = np.flatnonzero(np.isin(table.semantic, [SEMANTIC[name] for name in settings.classes]))
+    hidden = [int(row) for row in rows if verdicts[row].verdict == OCCLUDED] if settings.propose_views else []
+    views = dict(zip(hidden, _views(prior, looked, np.array(hidden, int)), strict=True)) if hidden else {}
+    return tuple(
+        ElementVerdict(
+            table.guid[row], table.ifc_class[row], table.name[row],
+            storeys.name[table.storey[row]] if table.storey[row] >= 0 else "",
+            *verdicts[row], views.get(int(row)),
+        )
+        for row in rows
+    )  # fmt: skip
+
+
+def _views(prior: Prior, looked: list[Looked], hidden: np.ndarray) -> list[Pose | None]:
+    """From about the height of the first scan's sensor, with all that any robot saw standing around."""
+    first = looked[0]
+    unknown = [one.added.view.points[one.added.view.apart > 0.15] for one in looked]
+    stage = Stage(
+        prior.building, prior.scene, np.concatenate(unknown), first.rays.position,
+        float(first.rays.position[2] - first.levels[0]),
+    )  # fmt: skip
+    found = []
+    for view in next_views(stage, hidden):
+        if view is None:
+            found.append(None)
+            continue
+        position, yaw, pitch = view
+        found.append((*(float(value) for value in position + prior.origin), yaw, pitch))
+    return found
+
+
+def _records(
+    prior: Prior, scans: list[NamedScan], placed: list[Placed], told: tuple[list[Told | None], DetectSettings]
+) -> tuple[ScanRecord, ...]:
+    """What is known of every scan, and which verdicts it changed beyond those before it."""
+    (says, settings), before, records = told, None, []
+    wanted = slice(0)
+    if prior.has_elements:
+        wanted = np.isin(prior.building.elements.semantic, [SEMANTIC[name] for name in settings.classes])
+    for number, (one, fit) in enumerate(zip(scans, placed, strict=True)):
+        changed = dict.fromkeys(VERDICTS, 0)
+        if prior.has_elements:
+            now = np.array([found.verdict for found in verdicts_of(says[: number + 1], settings.verdicts)])[wanted]
+            new = now if before is None else now[now != before]
+            changed |= {name: int(np.sum(new == name)) for name in VERDICTS}
+            before = now
+        registration = {
+            "shift": fit.shift, "turn": fit.turn, "residual": fit.residual, "overlap": fit.overlap,
+            "overlap_before": fit.overlap_before,
+        }  # fmt: skip
+        pose = _pose_of(fit.scan, prior.origin)
+        records.append(ScanRecord(
+            one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, one.notes
+        ))  # fmt: skip
+    return tuple(records)
+
+
+def _pose_of(scan: PosedScan, origin: np.ndarray) -> Pose:
+    forward = scan.rotation[:, 0]
+    yaw, pitch = np.arctan2(forward[1], forward[0]), np.arcsin(np.clip(forward[2], -1.0, 1.0))
+    return (*(float(value) for value in scan.position + origin), float(np.degrees(yaw)), float(np.degrees(pitch)))
+
+
+def _drawing(prior: Prior, looked: list[Looked], placed: list[Placed]) -> Drawing:
+    """The points and surfaces behind it all."""
+
+    def joined(change: str, field: str) -> np.ndarray:
+        sides: list[Side] = [getattr(one, change) for one in looked]
+        return np.concatenate([
+            getattr(side, field) if hasattr(side, field) else getattr(side.view, field) for side in sides
+        ])  # fmt: skip
+
+    triangles = prior.building.triangles if prior.has_elements else None
+    count = [len(one.added.view.points) for one in looked]
+    return Drawing(
+        prior.origin,
+        joined("added", "points"), joined("added", "probability"), joined("added", "evidence"),
+        np.repeat(np.arange(len(looked), dtype=np.int32), count),
+        joined("removed", "points"), joined("removed", "probability"), joined("removed", "evidence"),
+        joined("removed", "element").astype(np.int32),
+        prior.building.elements.guid if prior.has_elements else (),
+        *((triangles.vertices, triangles.faces, triangles.element) if triangles is not None else (None, None, None)),
+        tuple(_corners(one.scan) for one in placed),
+    )  # fmt: skip
+
+
+def _corners(scan: PosedScan) -> np.ndarray:
+    """Unit vectors (4, 3) to the corners of a camera's picture, in order around it; (0, 3) of any other sensor."""
+    if not isinstance(scan.sensor, Pinhole):
+        return np.zeros((0, 3), np.float32)
+    wide, high = (np.tan(np.radians(fov) / 2) for fov in (scan.sensor.horizontal_fov, scan.sensor.vertical_fov))
+    corners = np.array([[1.0, y, z] for y, z in ((wide, high), (-wide, high), (-wide, -high), (wide, -high))])
+    return (corners / np.linalg.norm(corners, axis=1, keepdims=True) @ scan.rotation.T).astype(np.float32)

@@ -1,0 +1,79 @@
+"""What the rays of a scan say of one object when it is thought of as standing alone.
+
+P rays of one scan. Positions are offsets from the prior's origin, world axes: metres, z up.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.boxes import Box
+from jaxmm.scan_rays import ScanRays
+from warp_scanner.scan import Rays, cast_rays
+from warp_scanner.scenes import BOX, CYLINDER, Primitives
+from warp_scanner.triangles import TriangleScene, cast_triangles
+
+APART = 0.1  # [m] ranges must differ by more for a ray to tell
+OFF = 0.25  # [m] a fitted box may be off by
+CORE = 0.6  # of a box's edges: rays through this much of it cannot have grazed it by a misfit
+
+
+class Alone(NamedTuple):
+    """Rays that would meet an object if it stood alone, by what they did."""
+
+    would_meet: int
+    tell: int  # of those, that show that it is new, or gone
+    deny: int  # of those, that show the contrary
+
+
+def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
+    """An element of the prior that is held for removed: rays beyond it tell, rays that end on it deny."""
+    only = np.arange(len(scene.triangles.semantic)) == element
+    reach = cast_triangles(scene, Rays(rays.position[None], rays.direction), only).distance[0]
+    meets = np.isfinite(reach) & (reach <= rays.limit)
+    apart = rays.distance[meets] - reach[meets]
+    back = np.isfinite(apart)
+    return Alone(int(meets.sum()), int((back & (apart > APART)).sum()), int((np.abs(apart) <= APART).sum()))
+
+
+def of_box(box: Box, expected: np.ndarray, rays: ScanRays) -> Alone:
+    """A new object: rays that end on it before the prior tell, rays through its core deny.
+
+    Args:
+        box: where it stands.
+        expected: (P,) [m] what the rays should have met without it.
+        rays: of the scan.
+    """
+    reach = _reach(box, 1.0, rays)
+    meets = np.isfinite(reach) & (reach <= rays.limit)
+    on_it = np.abs(rays.distance[meets] - reach[meets]) <= OFF
+    before = rays.distance[meets] + APART < expected[meets]
+    core = _reach(box, CORE, rays)
+    with np.errstate(invalid="ignore"):
+        beyond = np.isfinite(core) & np.isfinite(rays.distance) & (rays.distance > core + OFF + max(box.dimensions[:2]))
+    return Alone(int(meets.sum()), int((on_it & before).sum()), int(beyond.sum()))
+
+
+def of_gone_box(box: Box, rays: ScanRays) -> Alone:
+    """An object fitted to points of a prior without elements: rays beyond its core tell, rays that end on it deny."""
+    reach, core = _reach(box, 1.0, rays), _reach(box, CORE, rays)
+    meets = np.isfinite(reach) & (reach <= rays.limit)
+    back = np.isfinite(rays.distance)
+    with np.errstate(invalid="ignore"):
+        beyond = np.isfinite(core) & back & (rays.distance > core + APART + min(box.dimensions[:2]))
+        on_it = meets & (np.abs(rays.distance - reach) <= APART)
+    return Alone(int(meets.sum()), int(beyond.sum()), int(on_it.sum()))
+
+
+def _reach(box: Box, share: float, rays: ScanRays) -> np.ndarray:
+    """Ranges (P,) [m] to a box whose horizontal edges are shrunk to a share; inf = passes it."""
+    half = np.asarray(box.dimensions, np.float64) / 2 * [share, share, 1.0]
+    kind = CYLINDER if box.shape == "round" else BOX
+    if kind == CYLINDER:
+        half[:2] = half[:2].mean()
+    center, half = np.asarray(box.center, np.float32), half.astype(np.float32)
+    alone = Primitives(
+        np.array([[kind]], np.uint8), center[None, None], half[None, None],
+        np.radians(np.array([[box.rotation]], np.float32)), np.zeros((1, 1), np.int32), np.ones((1, 1), np.uint8),
+    )  # fmt: skip
+    return cast_rays(alone, None, Rays(rays.position.astype(np.float32)[None], rays.direction)).distance[0]

@@ -1,0 +1,47 @@
+"""Runs the four models over both sides of a scan. N points of one side."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.config import NetworkConfig
+from jaxmm.evaluate import pick_model, predict
+from jaxmm.evidence import Frame, View, features_of
+from jaxmm.train import Model
+
+
+class Judges(NamedTuple):
+    """The four models of one method, with the widths of their network."""
+
+    models: Model
+    network: NetworkConfig
+
+
+class Side(NamedTuple):
+    """One side of one scan, with what the models say of it."""
+
+    view: View
+    pillar: np.ndarray  # (N,) float32 probability of belonging to a changed pillar
+    wall: np.ndarray  # (N,) float32
+
+    @property
+    def probability(self) -> np.ndarray:
+        """(N,) float32, the greater of both: a wall seen end-on looks like a pillar."""
+        return np.maximum(self.pillar, self.wall)
+
+    @property
+    def evidence(self) -> np.ndarray:
+        """(N,) uint8 index into evidence.FRACTIONS of what most rays of each point did; unseen without any."""
+        return np.where(self.view.count.any(axis=1), self.view.count.argmax(axis=1), 3).astype(np.uint8)
+
+
+def judge(judges: Judges, view: View, frame: Frame, change: str) -> Side:
+    """What the models for `change` ("added" or "removed") say of a view."""
+    if not len(view.points):
+        nothing = np.zeros(0, np.float32)
+        return Side(view, nothing, nothing)
+    features = features_of(view, frame)
+    pillar, wall = (
+        predict(pick_model(judges.models, f"{kind}_{change}"), features, judges.network) for kind in ("pillar", "wall")
+    )
+    return Side(view, pillar, wall)

@@ -1,0 +1,154 @@
+"""From probabilities to mismatches: objects that were added, elements that are gone, and what moved.
+
+S scans, N points of one side of all scans, E elements. Positions are offsets from the prior's origin, world axes:
+metres, z up; mismatches come back in the world.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm import hindsight
+from jaxmm.boxes import Box, fit_boxes
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.hindsight import Alone
+from jaxmm.judging import Side
+from jaxmm.objects import Judged, find_objects
+from jaxmm.priors import Prior
+from jaxmm.report import Mismatch
+from jaxmm.scan_rays import ScanRays
+from jaxmm.verdicts import REMOVED, Verdict
+from warp_scanner.building_changes import of_element
+from warp_scanner.scenes import PILLAR, WALL
+
+KINDS = {WALL: "wall", PILLAR: "pillar"}
+ONTO = 0.1  # [m] points this close to the prior's surface are the prior's own
+LEAST_NEW = 0.5  # share of an added object's points that must be farther
+LEAST_MET = 8  # rays that tell of an object, below which it is a guess
+SAME_SIZE = (0.1, 0.15)  # [m], share: sides of an object that moved differ by no more than the greater of both
+
+
+class Looked(NamedTuple):
+    """One scan after all was asked of it."""
+
+    rays: ScanRays
+    expected: np.ndarray  # (P,) [m] what its rays should have met, inf = nothing
+    added: Side  # the robot's points
+    removed: Side  # the prior's
+    levels: tuple[float, float]  # heights of floor and ceiling [m]
+
+
+def mismatches_of(
+    prior: Prior, looked: list[Looked], verdicts: list[Verdict] | None, settings: DetectSettings
+) -> tuple[Mismatch, ...]:
+    """All mismatches of all scans together: removed ones first, the most probable first among each.
+
+    Args:
+        prior: the prior.
+        looked: each scan.
+        verdicts: of all elements of a building; None for a cloud, of which objects are fitted as of the robot's points.
+        settings: how.
+    """
+    if verdicts is not None and settings.preset != "thesis":
+        gone = _gone(prior, looked, verdicts)
+    else:
+        gone = _fitted(prior, looked, "removed", settings)
+    found = sorted(gone, key=lambda one: -one.probability)
+    found += sorted(_fitted(prior, looked, "added", settings), key=lambda one: -one.probability)
+    return tuple(_linked([one for one in found if one.probability >= settings.least_probability]))
+
+
+def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[Mismatch]:
+    """The walls and columns whose verdict is removed, with their own boxes."""
+    building, found = prior.building, []
+    for row, verdict in enumerate(verdicts):
+        kind = KINDS.get(int(building.elements.semantic[row]))
+        if verdict.verdict != REMOVED or kind is None:
+            continue
+        change = of_element(building, row)
+        alone = [hindsight.of_element(prior.scene, row, one.rays) for one in looked]
+        box = Box(kind, change.center.astype(np.float64), change.size.astype(np.float64), float(change.yaw))
+        box = box._replace(probability=verdict.probability)
+        found.append(_mismatch(prior, box, "removed", alone)._replace(element=building.elements.guid[row]))
+    return found
+
+
+def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSettings) -> list[Mismatch]:
+    """Objects fitted to the points of one side that the models hold for changed."""
+    judged = judged_side(looked, change)
+    if not len(judged.points):
+        return []
+    if settings.preset == "thesis":
+        extent = (judged.floor, judged.ceiling)
+        boxes = [
+            box
+            for kind in ("pillar", "wall")
+            for box in fit_boxes(judged.points, getattr(judged, kind), kind, settings.boxes, extent)
+        ]
+        return [_mismatch(prior, box, change, _alone(box, change, looked)) for box in boxes]
+    found = []
+    for one in find_objects(judged, settings.objects, prior.sizes):
+        alone = _alone(one.box, change, looked)
+        new = np.mean(judged.apart[one.members] > ONTO) if change == "added" else 1.0
+        tell, deny = sum(part.tell for part in alone), sum(part.deny for part in alone)
+        if new < LEAST_NEW or tell < LEAST_MET or deny > tell:
+            continue
+        found.append(_mismatch(prior, one.box, change, alone))
+    return found
+
+
+def judged_side(looked: list[Looked], change: str) -> Judged:
+    """One side of all scans together."""
+    sides = [getattr(one, change) for one in looked]
+    return Judged(
+        np.concatenate([side.view.points for side in sides]),
+        np.concatenate([side.pillar for side in sides]),
+        np.concatenate([side.wall for side in sides]),
+        np.concatenate([side.view.apart for side in sides]),
+        np.array([one.rays.position for one in looked]),
+        min(one.levels[0] for one in looked),
+        max(one.levels[1] for one in looked),
+        np.repeat(np.arange(len(sides)), [len(side.view.points) for side in sides]),
+    )
+
+
+def _alone(box: Box, change: str, looked: list[Looked]) -> list[Alone]:
+    if change == "removed":
+        return [hindsight.of_gone_box(box, one.rays) for one in looked]
+    return [hindsight.of_box(box, one.expected, one.rays) for one in looked]
+
+
+def _mismatch(prior: Prior, box: Box, change: str, alone: list[Alone]) -> Mismatch:
+    """The mismatch in the world; what is observable is what the best of the scans shows."""
+    shares = [part.tell / part.would_meet for part in alone if part.would_meet]
+    return Mismatch(
+        box.object_type, change, np.asarray(box.center, np.float64) + prior.origin,
+        np.asarray(box.dimensions, np.float64), float(box.rotation), float(box.probability),
+        observable_fraction=max(shares, default=0.0), shape=box.shape,
+    )  # fmt: skip
+
+
+def _linked(found: list[Mismatch]) -> list[Mismatch]:
+    """Added objects of the size of a removed one point to it: the likest pairs first, each object once."""
+    pairs = sorted(
+        (difference, new, old)
+        for new, one in enumerate(found)
+        for old, other in enumerate(found)
+        if one.mismatch_type == "added" and other.mismatch_type == "removed"
+        and one.object_type == other.object_type and one.shape == other.shape
+        and math.isfinite(difference := _unlike(one, other))
+    )  # fmt: skip
+    used: set[tuple[str, int]] = set()
+    for _, new, old in pairs:
+        if not {("new", new), ("old", old)} & used:
+            used |= {("new", new), ("old", old)}
+            found[new] = found[new]._replace(moved_from=old)
+    return found
+
+
+def _unlike(one: Mismatch, other: Mismatch) -> float:
+    """How much the horizontal edges of two boxes differ [m]; infinite beyond what one object may."""
+    a, b = np.sort(one.dimensions[:2]), np.sort(other.dimensions[:2])
+    off = np.abs(a - b)
+    return float(off.sum()) if np.all(off <= np.maximum(SAME_SIZE[0], SAME_SIZE[1] * np.maximum(a, b))) else math.inf

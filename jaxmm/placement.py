@@ -1,0 +1,73 @@
+"""Lays robot scans upon the prior before anything is concluded from them, and refuses those that do not fit.
+
+N points of a scan. Positions are offsets from the prior's origin, world axes: metres, z up.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.inputs import InputError
+from jaxmm.registration import register
+from jaxmm.scan_rays import PosedScan
+
+MOST_POINTS = 60_000  # that a scan is registered by; it is thinned to one in 0.1 m anyway
+
+LEAST_POINTS = 50  # of the prior in view, to compare anything with
+
+
+class Placed(NamedTuple):
+    """A scan where it fits best, and how well."""
+
+    scan: PosedScan
+    shift: float  # [m] of the sensor
+    turn: float  # [deg]
+    residual: float  # [m] robust standard deviation about the prior's surface, of what matches
+    overlap: float  # share of the points that match
+    overlap_before: float
+
+
+@dataclasses.dataclass(frozen=True)
+class FitLimits:
+    """What a scan must reach to be believed."""
+
+    least_overlap: float = 0.12  # share of its points within 0.1 m of the prior's surface; much may be new, or gone
+    most_residual: float = 0.07  # [m]; chance alone gives 0.074
+
+
+def place(scan: PosedScan, prior: np.ndarray, *, refine: bool = True, limits: FitLimits | None = None) -> Placed:
+    """Register a scan.
+
+    Args:
+        scan: as believed.
+        prior: (M, 3) [m] what the prior shows from about there.
+        refine: False only measures how well it fits, and refuses nothing.
+        limits: beyond which it is refused.
+
+    Raises:
+        InputError: it does not fit; the line says by how much.
+    """
+    limits = limits or FitLimits()
+    if len(prior) < LEAST_POINTS:
+        raise InputError("the prior has nothing in view from there; check pose, units and frame")
+    every = max(1, len(scan.points) // MOST_POINTS)
+    found = register(scan.points[::every], prior, scan.position)
+    overlap = found.overlap if refine else found.overlap_before
+    if not refine:  # whoever believes a pose believes it of a view that is all new, too
+        return Placed(scan, 0.0, 0.0, found.residual, overlap, overlap)
+    if overlap < limits.least_overlap or not found.residual <= limits.most_residual:
+        told = f"{overlap:.0%} of its points match the prior, {found.residual:.3f} m off"
+        raise InputError(
+            f"the scan does not fit the prior from there: {told}; expected at least {limits.least_overlap:.0%} and at "
+            f"most {limits.most_residual} m; check pose, units and frame, or believe them (--no-refine)"
+        )
+    turn, shift = found.motion[:3, :3], found.motion[:3, 3]
+    moved = scan._replace(
+        points=(scan.points.astype(np.float64) @ turn.T + shift).astype(np.float32),
+        position=turn @ scan.position + shift,
+        rotation=turn @ scan.rotation,
+    )
+    angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0)))
+    shift = float(np.linalg.norm(moved.position - scan.position))
+    return Placed(moved, shift, float(angle), found.residual, overlap, found.overlap_before)

@@ -1,0 +1,116 @@
+"""What a scan is compared with: a building of elements, or the points of an earlier scan.
+
+M points, E elements. Positions are float64 in the world, and float32 offsets from the prior's origin; metres, z up.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.inputs import InputError
+from jaxmm.object_solids import KnownSizes
+from jaxmm.scan_files import READERS, read_scans
+from warp_scanner.building_changes import of_element
+from warp_scanner.building_files import read_building
+from warp_scanner.buildings import AS_IT_IS, Building, ReadOptions, remarks
+from warp_scanner.mesh_files import SUFFIXES
+from warp_scanner.scenes import PILLAR, WALL
+from warp_scanner.triangles import TriangleScene, clearance, prepare
+from warp_scanner.voxels import thin_clouds
+
+VOXEL = 0.1  # [m] to which a cloud is thinned
+BUILDINGS = (".ifc", *SUFFIXES)
+NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
+
+
+class Prior(NamedTuple):
+    """A building model as surfaces with elements, or as a cloud without; one of the two."""
+
+    origin: np.ndarray  # (3,) float64 [m] world position that all offsets count from
+    notes: tuple[str, ...]  # how it was read, a line each
+    building: Building | None = None
+    scene: TriangleScene | None = None
+    cloud: np.ndarray | None = None  # (M, 3) float32 [m] offsets, one a voxel
+    sizes: KnownSizes = KnownSizes()  # of its walls and columns, the most frequent first; a cloud knows none
+
+    @property
+    def has_elements(self) -> bool:
+        """Whether it is a building."""
+        return self.scene is not None
+
+
+def read_prior(path: Path, options: ReadOptions = AS_IT_IS) -> Prior:
+    """The prior in a file: IFC, a mesh, or a point cloud, by the ending; a PLY file without faces is a cloud.
+
+    Raises:
+        InputError: one line that names the file and what is wrong with it.
+    """
+    suffix = path.suffix.lower()
+    if not path.is_file():
+        raise InputError(f"{path}: expected a prior, found {'a folder' if path.is_dir() else 'nothing there'}")
+    if suffix in BUILDINGS and not (suffix == ".ply" and not _has_faces(path)):
+        try:
+            return prior_of_building(read_building(path, options))
+        except (ValueError, ImportError) as error:
+            raise InputError(str(error)) from error
+    if suffix not in READERS:
+        known = ", ".join(sorted({*BUILDINGS, *READERS}))
+        raise InputError(f"{path}: expected a prior ending in one of {known}, got {suffix or 'no ending'}")
+    scans = read_scans(path)
+    points = np.concatenate([scan.points for scan in scans]) * options.unit
+    return prior_of_cloud(points, tuple(f"{path.name}: {note}" for scan in scans for note in scan.remarks))
+
+
+def prior_of_building(building: Building) -> Prior:
+    """A building that was read, ready for rays."""
+    scene = prepare(building.triangles)
+    return Prior(building.origin, tuple(remarks(building)), building, scene, sizes=_own_sizes(building))
+
+
+def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:
+    """Points (M, 3) float64 [m] as a prior."""
+    far = np.abs(points).max() > NEAR_ORIGIN
+    origin = np.rint(np.median(points, axis=0)) if far else np.zeros(3)
+    offsets = (points - origin).astype(np.float32)
+    return Prior(origin, notes, cloud=offsets[thin_clouds([offsets], VOXEL)[0]])
+
+
+def distance_to(prior: Prior, points: np.ndarray, reach: float) -> np.ndarray:
+    """Distance (N,) [m] of offsets (N, 3) to the prior; `reach` or more where nothing is within that."""
+    if prior.scene is not None:
+        return clearance(prior.scene, points, reach)
+    from scipy.spatial import cKDTree
+
+    return np.minimum(cKDTree(prior.cloud).query(points, distance_upper_bound=reach)[0], reach)
+
+
+def _own_sizes(building: Building) -> KnownSizes:
+    """Thicknesses of the walls and sections of the columns."""
+    semantic = building.elements.semantic
+    size = {kind: _level_edges(building, np.flatnonzero(semantic == kind)) for kind in (WALL, PILLAR)}
+    thickness = np.round(size[WALL][:, 0], 2)
+    walls = _frequent(thickness[(thickness > 0.03) & (thickness < 0.6)])
+    return KnownSizes(tuple(walls), tuple((*section, False) for section in _frequent(np.round(size[PILLAR], 2))))
+
+
+def _level_edges(building: Building, rows: np.ndarray) -> np.ndarray:
+    """Shorter and longer horizontal edge (n, 2) [m] of the upright boxes around some elements."""
+    edges = [np.sort(of_element(building, int(row)).size[:2]) for row in rows]
+    return np.array(edges, np.float64).reshape(-1, 2)
+
+
+def _frequent(values: np.ndarray) -> list:
+    if not len(values):
+        return []
+    kinds, count = np.unique(values, axis=0, return_counts=True)
+    return kinds[np.argsort(-count, kind="stable")].tolist()
+
+
+def _has_faces(path: Path) -> bool:
+    with open(path, "rb") as file:
+        header = file.read(65536).split(b"end_header")[0]
+    return any(
+        words[:2] == [b"element", b"face"] and len(words) > 2 and words[2] != b"0"
+        for words in (line.split() for line in header.splitlines())
+    )

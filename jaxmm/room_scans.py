@@ -1,0 +1,66 @@
+"""Generated rooms as if they came in files: a building as the prior, one robot scan, and the truth.
+
+World frame: metres, z up, the origin in the middle of the room.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxmm.boxes import Box
+from jaxmm.priors import Prior, prior_of_building
+from jaxmm.scan_rays import PosedScan
+from warp_scanner.pairs import PRESETS, Pairs, make_pairs
+from warp_scanner.points import points_of
+from warp_scanner.poses import rotation_of
+from warp_scanner.room_buildings import building_of_room
+from warp_scanner.scenes import PILLAR
+from warp_scanner.sensors import OAK_D_PRO_SMALL
+
+
+class RoomCase(NamedTuple):
+    """One room."""
+
+    pairs: Pairs  # the truth, of R rooms
+    row: int  # which of them
+    ids: np.ndarray  # (E,) element id in the truth of every element of the prior
+    prior: Prior
+    scan: PosedScan
+
+
+def room_cases(scene: str, condition: str, seed: int, rooms: range, **changed: Any) -> Iterator[RoomCase]:
+    """Rooms of the preset `varied`, scanned by a camera of 320 x 200.
+
+    Args:
+        scene: what changes, see scenarios.SceneConfig.
+        condition: "clean" or "occluded".
+        seed: of the rooms.
+        rooms: their numbers.
+        changed: other fields of a PairConfig.
+    """
+    given = {"sensor": OAK_D_PRO_SMALL} | changed
+    settings = dataclasses.replace(PRESETS["varied"], scenario=scene, condition=condition, seed=seed, **given)
+    pairs = make_pairs(settings, np.asarray(rooms))
+    points = points_of(pairs.pose, pairs.directions, pairs.robot.distance)
+    turned = rotation_of(pairs.pose.yaw, pairs.pose.pitch).astype(np.float64)
+    for row in range(len(rooms)):
+        building, ids = building_of_room(pairs.prior, row)
+        back = np.isfinite(pairs.robot.distance[row])
+        place = pairs.pose.position[row].astype(np.float64)
+        scan = PosedScan(points[row, back], place, turned[row], settings.sensor)
+        yield RoomCase(pairs, row, ids, prior_of_building(building), scan)
+
+
+def true_boxes(pairs: Pairs, row: int, sign: int) -> tuple[list[Box], list[float]]:
+    """True boxes of one change (1 added, -1 removed) in one room, and how much of each can be observed."""
+    box, chosen = pairs.box, np.flatnonzero(pairs.box.change[row] == sign)
+    boxes = [
+        Box(
+            "pillar" if box.object_type[row, one] == PILLAR else "wall", box.center[row, one].astype(np.float64),
+            box.size[row, one].astype(np.float64), float(box.yaw[row, one]),
+        )
+        for one in chosen
+    ]  # fmt: skip
+    return boxes, [float(pairs.observable_fraction[row, one]) for one in chosen]

@@ -1,0 +1,103 @@
+"""E57 scans through pye57: every scan of the file in world coordinates, with the pose that it was taken from.
+
+Points are read in blocks by the library below pye57, whose own `read_scan` holds five copies of them.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmm.inputs import InputError
+from jaxmm.raw_scans import BLOCK, RawScan, check_count, check_swelling
+
+CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+
+
+def read_e57(path: Path) -> list[RawScan]:
+    """All scans of a file that hold points.
+
+    Raises:
+        InputError: no scan with points, one without coordinates, or fewer points than promised.
+    """
+    import pye57
+
+    file = pye57.E57(str(path))
+    try:
+        headers = [file.get_header(number) for number in range(file.scan_count)]
+        check_swelling(path, sum(24 * max(header.point_count, 0) for header in headers))
+        found = [_scan(path, file.image_file, header) for header in headers if header.point_count]
+    finally:
+        file.close()
+    if not found:
+        raise InputError(f"{path}: expected at least one scan with points, found none in {len(headers)}")
+    if len(found) < len(headers):
+        remark = f"{len(headers) - len(found)} of {len(headers)} scans hold no points and are left out"
+        found[0] = found[0]._replace(remarks=(remark,))
+    return found
+
+
+def _scan(path: Path, image: Any, header: Any) -> RawScan:
+    check_count(path, header.point_count)
+    axes = next((axes for axes in (CARTESIAN, SPHERICAL) if set(axes) <= set(header.point_fields)), None)
+    if axes is None:
+        raise InputError(f"{path}: expected points in cartesian or spherical coordinates, got others")
+    points = _points(path, image, header, axes)
+    if not header.has_pose():
+        return RawScan(points)
+    position, rotation = _pose(header.node)
+    for start in range(0, len(points), BLOCK):
+        block = slice(start, start + BLOCK)
+        points[block] = points[block] @ rotation.T + position
+    return RawScan(points, position, rotation)
+
+
+def _points(path: Path, image: Any, header: Any, axes: tuple[str, ...]) -> np.ndarray:
+    """(N, 3) in the sensor's frame, without those that the file calls invalid."""
+    from pye57 import libe57
+
+    count, invalid = header.point_count, axes[0].replace("X", "InvalidState").replace("Range", "InvalidState")
+    columns = {axis: np.zeros(BLOCK) for axis in axes}
+    if invalid in header.point_fields:
+        columns[invalid] = np.zeros(BLOCK, np.int8)
+    buffers = libe57.VectorSourceDestBuffer()
+    for name, column in columns.items():
+        buffers.append(libe57.SourceDestBuffer(image, name, column, BLOCK, True, True))
+    points, read, kept = np.zeros((count, 3)), 0, 0
+    reader = header.points.reader(buffers)
+    try:
+        while found := reader.read():
+            if read + found > count:
+                raise InputError(f"{path}: expected {count} points as its header promises, found more")
+            block = _cartesian(np.column_stack([columns[axis][:found] for axis in axes]), axes)
+            if invalid in columns:
+                block = block[columns[invalid][:found] == 0]
+            points[kept : kept + len(block)] = block
+            read, kept = read + found, kept + len(block)
+    finally:
+        reader.close()
+    if read < count:
+        raise InputError(f"{path}: truncated: expected {count} points as its header promises, found {read}")
+    return points[:kept]
+
+
+def _cartesian(block: np.ndarray, axes: tuple[str, ...]) -> np.ndarray:
+    if axes is CARTESIAN:
+        return block
+    distance, azimuth, elevation = block.T
+    level = distance * np.cos(elevation)
+    return np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)])
+
+
+def _pose(node: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Position and rotation of a scan; either may be left out of the file, and then there is none."""
+    from scipy.spatial.transform import Rotation
+
+    def numbers(part: str, names: str, default: tuple[float, ...]) -> np.ndarray:
+        if not node["pose"].isDefined(part):
+            return np.array(default)
+        return np.array([float(node["pose"][part][name].value()) for name in names])
+
+    rotation = Rotation.from_quat(numbers("rotation", "xyzw", (0.0, 0.0, 0.0, 1.0))).as_matrix()
+    return numbers("translation", "xyz", (0.0, 0.0, 0.0)), rotation

@@ -1,0 +1,93 @@
+"""LAS and LAZ scans through laspy and lazrs, block by block; scaled integers become float64, so grids lose nothing.
+
+What the libraries would believe is checked before they see it: a number of records that laspy would count to for
+minutes, and a number or length of chunks for which lazrs would take memory until the process dies.
+"""
+
+import contextlib
+import logging
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmm.inputs import InputError
+from jaxmm.raw_scans import BLOCK, RawScan, check_count, check_swelling, filled
+
+HEAD = 375  # [bytes] of the largest header
+RECORD = 54  # [bytes] of the smallest record between header and points
+
+
+def read_las(path: Path) -> list[RawScan]:
+    """The points of a file.
+
+    Raises:
+        InputError: no header, or one that promises what the file does not hold.
+    """
+    import laspy
+
+    _check_header(path)
+    with _silent("laspy"), laspy.open(path, read_evlrs=False) as file:
+        header = file.header
+        if not (np.isfinite(header.scales).all() and np.isfinite(header.offsets).all()):
+            raise InputError(f"{path}: expected a finite scale and offset, got {header.scales} and {header.offsets}")
+        check_count(path, header.point_count, 0 if header.are_points_compressed else header.point_format.size)
+        if header.are_points_compressed:
+            check_swelling(path, header.point_count * header.point_format.size)
+            _check_chunks(path, header)
+        chunks = file.chunk_iterator(BLOCK)
+        blocks = (np.column_stack([np.asarray(getattr(chunk, axis), np.float64) for axis in "xyz"]) for chunk in chunks)
+        return [RawScan(filled(path, header.point_count, blocks))]
+
+
+def _check_header(path: Path) -> None:
+    with open(path, "rb") as file:
+        head = file.read(HEAD)
+    if head[:4] != b"LASF" or len(head) < 227:
+        raise InputError(f"{path}: expected a LAS header (LASF and 223 bytes more), found none")
+    start, count = struct.unpack("<II", head[96:104])
+    if start > path.stat().st_size or count * RECORD > start:
+        raise InputError(f"{path}: expected {count} records before its points at byte {start}, which do not fit")
+
+
+def _check_chunks(path: Path, header: Any) -> None:
+    """Refuse a packed file whose chunks, of points of another size, do not fit into it."""
+    import lazrs
+
+    size, start = path.stat().st_size, header.offset_to_point_data
+    record = header.vlrs.get("LasZipVlr")
+    if not record:
+        raise InputError(f"{path}: expected the record that tells how its points are packed, found none")
+    layout = lazrs.LazVlr(record[0].record_data)
+    if layout.item_size() != header.point_format.size:
+        raise InputError(f"{path}: expected points of {header.point_format.size} bytes, got {layout.item_size()}")
+    with open(path, "rb") as file:
+        file.seek(start)
+        table = int.from_bytes(file.read(8), "little", signed=True)
+        if table == -1:  # a writer that could not go back put it at the end
+            file.seek(max(0, size - 8))
+            table = int.from_bytes(file.read(8), "little", signed=True)
+        if not start < table <= size - 8:
+            raise InputError(f"{path}: expected a table of chunks within its {size} bytes, its header says at {table}")
+        file.seek(table)
+        _, count = struct.unpack("<II", file.read(8))
+        if count > size // 4:
+            raise InputError(f"{path}: expected chunks that fit into its {size} bytes, its table promises {count}")
+        file.seek(start)
+        promised = sum(length for _, length in lazrs.read_chunk_table(file, layout))
+    if promised > size:
+        raise InputError(f"{path}: expected chunks that fit into its {size} bytes, its table promises {promised} bytes")
+
+
+@contextlib.contextmanager
+def _silent(name: str) -> Iterator[None]:
+    """Without what a library logs of a failure beside the exception."""
+    logger = logging.getLogger(name)
+    level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)

@@ -1,0 +1,83 @@
+"""Where scans were taken from, as users and files say it. World frame: metres, z up."""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jaxmm.inputs import InputError
+
+FARTHEST = 1e9  # [m] coordinates beyond this are taken for mistakes
+FORM = "X,Y,Z,YAW[,PITCH], finite, pitch within 90 degrees"
+JSON_FORM = 'expected {"position": [x, y, z], "yaw": degrees, "pitch": degrees}, or a list of those'
+
+
+class GivenPose(NamedTuple):
+    """A place and where a sensor looks there."""
+
+    position: np.ndarray  # (3,) float64 [m] world
+    yaw: float  # [deg] counter-clockwise from +x
+    pitch: float  # [deg] upwards
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3) float64 sensor frame (x forward, y left, z up) to world: first pitch, then yaw."""
+        return Rotation.from_euler("ZY", [self.yaw, -self.pitch], degrees=True).as_matrix()
+
+
+def read_poses(words: list[str]) -> list[GivenPose]:
+    """The poses that the values of --pose give: numbers, or JSON files that hold one pose or a list.
+
+    Raises:
+        InputError: neither, or not of the form.
+    """
+    found = []
+    for word in words:
+        path = Path(word)
+        found += _from_json(path) if path.suffix.lower() == ".json" else [parse_pose(word)]
+    return found
+
+
+def parse_pose(text: str) -> GivenPose:
+    """X,Y,Z,YAW[,PITCH] as a pose.
+
+    Raises:
+        InputError: it is not of that form.
+    """
+    try:
+        values = [float(value) for value in text.split(",")]
+    except ValueError:
+        values = []
+    return _checked(values, "--pose", repr(text))
+
+
+def _from_json(path: Path) -> list[GivenPose]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"--pose: {path}: cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"--pose: {path}: {JSON_FORM}, got no valid JSON") from error
+    entries = content if isinstance(content, list) else [content]
+    if not entries:
+        raise InputError(f"--pose: {path}: {JSON_FORM}, got none")
+    return [_entry(path, entry) for entry in entries]
+
+
+def _entry(path: Path, entry: Any) -> GivenPose:
+    if not isinstance(entry, dict) or not isinstance(entry.get("position"), list) or len(entry["position"]) != 3:
+        raise InputError(f"--pose: {path}: {JSON_FORM}, got {json.dumps(entry)[:80]}")
+    numbers = [*entry["position"], entry.get("yaw", 0.0), entry.get("pitch", 0.0)]
+    if any(isinstance(number, bool) or not isinstance(number, int | float) for number in numbers):
+        raise InputError(f"--pose: {path}: {JSON_FORM}, got {json.dumps(entry)[:80]}")
+    return _checked([float(number) for number in numbers], f"--pose: {path}", json.dumps(entry)[:80])
+
+
+def _checked(values: list[float], where: str, came: str) -> GivenPose:
+    if len(values) not in (4, 5) or not np.isfinite(values).all() or (len(values) == 5 and abs(values[4]) > 90.0):
+        raise InputError(f"{where}: expected {FORM}, got {came}")
+    if max(abs(value) for value in values[:3]) > FARTHEST:
+        raise InputError(f"{where}: expected X, Y and Z within {FARTHEST:g} m, got {came}")
+    return GivenPose(np.array(values[:3]), values[3], values[4] if len(values) == 5 else 0.0)

@@ -1,0 +1,127 @@
+"""A scan file's points as rays: what was measured along which direction, and where nothing came back.
+
+N points of a file, P rays, Q directions of a regular pattern. Positions are offsets from the prior's origin, world
+axes: metres, z up.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.evidence import Frame, frame_of
+from warp_scanner.sensors import Sensor
+from warp_scanner.sightlines import cells_of
+
+MOST_RAYS = 300_000  # of a scan that has more, so many are drawn: five times what networks learnt from
+MOST_PATTERN = 150_000
+LEAST_SPACING = np.radians(0.3)  # of a pattern: a voxel of 0.1 m is as wide at 19 m
+HOLE = 1.5  # spacings: a cell this large without a measured ray is a hole
+NEAREST = 0.05  # [m] points closer to the sensor are its own housing
+
+
+class PosedScan(NamedTuple):
+    """One robot scan, and where it is believed to be taken from."""
+
+    points: np.ndarray  # (N, 3) float32 [m]
+    position: np.ndarray  # (3,) float64 [m]
+    rotation: np.ndarray  # (3, 3) float64 sensor frame to world
+    sensor: Sensor | None = None  # None: any; its view is then what its points span
+
+
+class ScanRays(NamedTuple):
+    """One robot scan as rays from one place: those that were measured, then those of the pattern without a return."""
+
+    position: np.ndarray  # (3,) float64 [m]
+    direction: np.ndarray  # (P, 3) float32 unit vectors
+    distance: np.ndarray  # (P,) float32 [m], inf = nothing came back
+    measured: int  # of P
+    pattern: np.ndarray  # (Q, 3) float32 unit vectors: a regular grid over the field of view
+    spacing: float  # [rad] of the pattern
+    limit: float  # [m] beyond which the sensor sees nothing
+
+
+def rays_of_scan(scan: PosedScan, seed: int = 0) -> ScanRays:
+    """The rays of a scan.
+
+    Args:
+        scan: from where, and what.
+        seed: of the draw, where there are more points than rays are needed.
+
+    Raises:
+        ValueError: no point is farther than 0.05 m from the sensor.
+    """
+    points = scan.points
+    if len(points) > MOST_RAYS:
+        chosen = np.random.default_rng(seed).integers(0, len(points), MOST_RAYS)
+        points = points[np.unique(chosen)]
+    offset = points.astype(np.float64) - scan.position
+    reach = np.linalg.norm(offset, axis=1)
+    far = reach > NEAREST
+    if not far.any():
+        raise ValueError(f"no point is farther than {NEAREST} m from the sensor")
+    direction, reach = (offset[far] / reach[far, None]).astype(np.float32), reach[far].astype(np.float32)
+    pattern, spacing = _pattern(scan, direction)
+    holes = pattern[_empty(pattern, direction, HOLE * spacing)]
+    return ScanRays(
+        scan.position,
+        np.concatenate([direction, holes]),
+        np.concatenate([reach, np.full(len(holes), np.inf, np.float32)]),
+        len(direction),
+        pattern,
+        spacing,
+        float(scan.sensor.range_limits[1]) if scan.sensor is not None else np.inf,
+    )
+
+
+def measured_points(rays: ScanRays) -> np.ndarray:
+    """(K, 3) float32 [m] of the rays that came back, in their order."""
+    back = slice(rays.measured)
+    return (rays.position + rays.direction[back] * rays.distance[back, None].astype(np.float64)).astype(np.float32)
+
+
+def frame_of_rays(rays: ScanRays, floor: float, ceiling: float) -> Frame:
+    """What heights are judged against."""
+    return frame_of(rays.position, rays.pattern.astype(np.float64), floor, ceiling)
+
+
+def _pattern(scan: PosedScan, direction: np.ndarray) -> tuple[np.ndarray, float]:
+    """Directions (Q, 3) over the sensor's view, in the world, and how far apart [rad] they are."""
+    if scan.sensor is not None:
+        rows, columns = scan.sensor.shape
+        most = max(1.0, np.sqrt(rows * columns / MOST_PATTERN * 2.0))
+        sensor = scan.sensor
+        if most > 1.0:
+            sensor = sensor.resampled(max(1, round(columns / most)), max(1, round(rows / most)))
+        spacing = max(np.radians(max(sensor.spacing)), LEAST_SPACING)
+        return (sensor.directions() @ scan.rotation.T).astype(np.float32), float(spacing)
+    outline = frame_of(np.zeros(3), direction.astype(np.float64), 0.0, 1.0)
+    spacing = LEAST_SPACING
+    while True:
+        inside = _within(outline, spacing)
+        if len(inside) <= MOST_PATTERN:
+            return inside, float(spacing)
+        spacing *= 1.25
+
+
+def _within(outline: Frame, spacing: float) -> np.ndarray:
+    """Unit vectors (Q, 3) of a grid of azimuths and elevations between an outline's lowest and highest."""
+    count = len(outline.top)
+    turns = np.arange(-np.pi, np.pi, spacing) + spacing / 2
+    cell = np.minimum(((turns + np.pi) / (2 * np.pi) * count).astype(int), count - 1)
+    low, high = np.arctan(outline.bottom[cell]), np.arctan(outline.top[cell])
+    elevations = np.arange(-np.pi / 2, np.pi / 2, spacing) + spacing / 2
+    turn, elevation = np.meshgrid(turns, elevations)
+    with np.errstate(invalid="ignore"):  # cells without a ray
+        inside = (elevation >= low - spacing / 2) & (elevation <= high + spacing / 2)
+    # Towards the poles columns crowd: every so many are as dense as elsewhere.
+    every = np.maximum(1, np.round(1.0 / np.maximum(np.cos(elevation), 0.02))).astype(int)
+    inside &= np.arange(len(turns))[None] % every == 0
+    turn, elevation = turn[inside], elevation[inside]
+    level = np.cos(elevation)
+    return np.stack([level * np.cos(turn), level * np.sin(turn), np.sin(elevation)], axis=-1).astype(np.float32)
+
+
+def _empty(wanted: np.ndarray, known: np.ndarray, cell: float) -> np.ndarray:
+    """(Q,) bool: directions in whose cell no known one lies."""
+    there = np.unique(cells_of(known, cell)[0])
+    return ~np.isin(cells_of(wanted, cell)[0], there)

@@ -1,0 +1,132 @@
+"""Detection from arrays: true rooms, several scans, clouds as priors."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from jaxmm.box_match import match_boxes
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.inputs import InputError
+from jaxmm.placement import FitLimits
+from jaxmm.priors import prior_of_building, prior_of_cloud
+from jaxmm.report import box_of
+from jaxmm.room_scans import room_cases, true_boxes
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.weights import DEFAULT
+
+UNSEEN_SEED = 78  # that no training, validation or test of ours uses
+AS_IS = DetectSettings(refine=False, propose_views=False)
+
+
+@pytest.fixture(scope="module")
+def judges():
+    return read_judges(DEFAULT)
+
+
+def named(scan, file="scan"):
+    return NamedScan(scan, file, len(scan.points), "given")
+
+
+def test_verdicts_agree_with_the_truth(judges):
+    """Of walls in occluded rooms, one of which is gone: none is called what it is not, whatever hides it."""
+    found = dict.fromkeys((PRESENT, REMOVED, OCCLUDED, UNSCANNED), 0)
+    for pairs, row, ids, prior, scan in room_cases("wall_removed", "occluded", UNSEEN_SEED, range(16)):
+        said = {one.guid: one for one in detect_scans(prior, [named(scan)], judges, AS_IS).elements}
+        gone = pairs.box.element[row, 0]
+        for number, guid in zip(ids, prior.building.elements.guid, strict=True):
+            if guid in said:
+                one = said[guid]
+                assert one.verdict != (PRESENT if number == gone else REMOVED), (row, one)
+                if one.verdict == UNSCANNED:
+                    assert not (pairs.dt.element[row] == number).any()
+                found[one.verdict] += 1
+    assert found[REMOVED] >= 12 and found[PRESENT] >= 12 and found[UNSCANNED] > 0
+
+
+def test_what_moved_is_two_mismatches_that_are_linked(judges):
+    linked = right = total = 0
+    for pairs, row, _, prior, scan in room_cases("pillar_moved", "clean", UNSEEN_SEED, range(8)):
+        found = detect_scans(prior, [named(scan)], judges, AS_IS)
+        (new,), (shown,) = true_boxes(pairs, row, 1)
+        (gone,), (was_shown,) = true_boxes(pairs, row, -1)
+        if min(shown, was_shown) < 0.4:
+            continue
+        added = [one for one in found.mismatches if one.mismatch_type == "added"]
+        total += 1
+        right += len(match_boxes([box_of(one) for one in added], [new]))
+        for old in (found.mismatches[one.moved_from] for one in added if one.moved_from is not None):
+            linked += 1
+            assert old.mismatch_type == "removed" and old.element is not None
+            np.testing.assert_allclose(old.center, gone.center, atol=0.05)
+    assert total >= 4 and right >= 0.7 * total and linked >= 2
+
+
+def test_two_scans_say_more_than_one(judges):
+    """The same room from two places: what either sees is known, and the record says what the second added."""
+    (first, second), (prior, _) = _two_views()
+    one = detect_scans(prior, [named(first)], judges, AS_IS)
+    both = detect_scans(prior, [named(first), named(second)], judges, AS_IS)
+    told = [{each.guid for each in found.elements if each.verdict in (PRESENT, REMOVED)} for found in (one, both)]
+    assert told[0] < told[1]
+    assert sum(both.scans[0].told.values()) == len(one.elements)
+    assert sum(both.scans[1].told.values()) >= len(told[1] - told[0])
+
+
+def _two_views():
+    """An unchanged room, scanned ideally from its middle towards two sides."""
+    from jaxmm.scan_rays import PosedScan
+    from warp_scanner.poses import rotation_of
+    from warp_scanner.scan import Rays
+    from warp_scanner.sensors import OAK_D_PRO_SMALL
+    from warp_scanner.triangles import cast_triangles
+
+    pairs, row, _, prior, _ = next(room_cases("unchanged", "clean", UNSEEN_SEED, range(1)))
+    place, yaw, scans = pairs.pose.position[row].astype(float), float(pairs.pose.yaw[row]), []
+    for turn in (yaw, yaw + 150.0):
+        rotation = rotation_of([turn], [0.0])[0].astype(float)
+        direction = (OAK_D_PRO_SMALL.directions() @ rotation.T).astype(np.float32)
+        reach = cast_triangles(prior.scene, Rays(place[None], direction)).distance[0]
+        hit = np.isfinite(reach)
+        points = (place + direction[hit] * reach[hit, None]).astype(np.float32)
+        scans.append(PosedScan(points, place, rotation, OAK_D_PRO_SMALL))
+    return scans, (prior, pairs)
+
+
+def test_nothing_is_found_where_nothing_changed_and_georeferenced_rooms_are_the_same(judges):
+    scans, (prior, _) = _two_views()
+    found = detect_scans(prior, [named(scans[0])], judges, DetectSettings())
+    assert found.mismatches == () and found.scans[0].registration["shift"] < 0.01
+    grid = np.array([155_000.0, 463_000.0, 12.0])
+    there = prior_of_building(prior.building._replace(origin=grid))
+    again = detect_scans(there, [named(scans[0])], judges, DetectSettings())
+    assert [one.verdict for one in again.elements] == [one.verdict for one in found.elements]
+    np.testing.assert_allclose(np.subtract(again.scans[0].pose[:3], found.scans[0].pose[:3]), grid, atol=1e-6)
+
+
+def test_a_cloud_is_a_prior_too(judges):
+    """Objects of a wall that is gone, from two clouds alone."""
+    right = total = 0
+    for pairs, row, _, _, scan in room_cases("wall_removed", "clean", UNSEEN_SEED, range(6)):
+        reach = pairs.dt.distance[row]
+        hit = np.isfinite(reach)
+        direction = pairs.directions[hit] @ scan.rotation.T
+        cloud = prior_of_cloud(scan.position + direction * reach[hit, None])
+        found = detect_scans(cloud, [named(scan)], judges, AS_IS)
+        true, shown = true_boxes(pairs, row, -1)
+        assert found.elements == ()
+        if shown[0] > 0.5:
+            total += 1
+            right += len(match_boxes([box_of(one) for one in found.mismatches if one.mismatch_type == "removed"], true))
+    assert total >= 2 and right >= total - 1
+
+
+def test_a_scan_that_does_not_fit_names_its_file(judges):
+    scans, (prior, _) = _two_views()
+    rng = np.random.default_rng(0)
+    cloud = (scans[0].position + rng.normal(size=(9000, 3)) * [1.0, 1.0, 0.3]).astype(np.float32)
+    settings = dataclasses.replace(DetectSettings(), limits=FitLimits(least_overlap=0.5))
+    with pytest.raises(InputError, match=r"^lost\.ply: the scan does not fit"):
+        detect_scans(prior, [named(scans[0]._replace(points=cloud), "lost.ply")], judges, settings)

@@ -1,0 +1,45 @@
+"""Mismatches out of verdicts and objects: which are linked, which are false, in which order they come."""
+
+import numpy as np
+import pytest
+
+from jaxmm.mismatches import _linked
+from jaxmm.report import Mismatch
+
+
+def mismatch(change, edges=(0.5, 0.5), kind="pillar", shape="rectangular"):
+    return Mismatch(kind, change, np.zeros(3), np.array([*edges, 3.0]), 0.0, 0.9, shape=shape)
+
+
+@pytest.mark.parametrize(
+    "old, new, linked",
+    [
+        pytest.param({}, {}, True, id="the same"),
+        pytest.param({"edges": (0.5, 0.8)}, {"edges": (0.8, 0.5)}, True, id="turned by a right angle"),
+        pytest.param({"edges": (0.5, 0.5)}, {"edges": (0.58, 0.5)}, True, id="fitted a little too large"),
+        pytest.param({"edges": (0.5, 0.5)}, {"edges": (0.9, 0.5)}, False, id="larger"),
+        pytest.param({"edges": (4.0, 0.2)}, {"edges": (3.6, 0.2), "kind": "wall"}, False, id="of another kind"),
+        pytest.param({"shape": "round"}, {}, False, id="of another shape"),
+    ],
+)
+def test_what_moved(old, new, linked):
+    _, found = _linked([mismatch("removed", **old), mismatch("added", **new)])
+    assert found.moved_from == (0 if linked else None)
+
+
+def test_each_is_linked_once_and_the_likest_first():
+    found = _linked([
+        mismatch("removed", (0.5, 0.5)), mismatch("removed", (0.52, 0.5)),
+        mismatch("added", (0.52, 0.5)), mismatch("added", (0.53, 0.5)), mismatch("added", (0.51, 0.5)),
+    ])  # fmt: skip
+    assert [one.moved_from for one in found[2:]] == [1, None, 0] or [one.moved_from for one in found[2:]] == [
+        1,
+        0,
+        None,
+    ]
+    assert len({one.moved_from for one in found[2:]}) == 3
+
+
+def test_two_of_a_kind_of_change_are_no_move():
+    assert all(one.moved_from is None for one in _linked([mismatch("removed"), mismatch("removed")]))
+    assert all(one.moved_from is None for one in _linked([mismatch("added"), mismatch("added")]))

@@ -1,0 +1,57 @@
+"""Placing scans: the fit is found, measured, and refused where there is none."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from jaxmm.building_sighting import surfaces_along
+from jaxmm.inputs import InputError
+from jaxmm.placement import FitLimits, place
+from jaxmm.room_scans import room_cases
+from jaxmm.scan_rays import rays_of_scan
+
+
+def room(scenario="wall_removed", number=5):
+    """A room's prior and a true scan of it. In room 5 of this seed, the wall that is gone hid another one behind it."""
+    (case,) = room_cases(scenario, "occluded", 21, range(number, number + 1))
+    return case.prior, case.scan
+
+
+def moved(scan, shift, degrees):
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    points = (scan.points - scan.position) @ turn.T + scan.position + shift
+    return scan._replace(
+        points=points.astype(np.float32), position=scan.position + shift, rotation=turn @ scan.rotation
+    )
+
+
+def placed(prior, scan, **options):
+    return place(scan, surfaces_along(prior.scene, rays_of_scan(scan)), **options)
+
+
+@pytest.mark.parametrize("number", [0, 3, 5, 8])
+def test_a_scan_that_is_off_comes_back_and_one_that_is_not_stays(number):
+    """Room 5 is the one where registering to what is in sight alone would move the scan by 0.4 m."""
+    prior, scan = room(number=number)
+    assert placed(prior, scan).shift < 0.02
+    found = placed(prior, moved(scan, np.array([0.06, -0.05, 0.0]), 1.0))
+    np.testing.assert_allclose(found.scan.position, scan.position, atol=0.03)
+    assert found.turn == pytest.approx(1.0, abs=0.3) and found.overlap >= found.overlap_before
+    np.testing.assert_allclose(found.scan.rotation, scan.rotation, atol=0.01)
+
+
+def test_poses_are_believed_when_asked_to():
+    prior, scan = room(number=0)
+    off = moved(scan, np.array([0.05, 0.0, 0.0]), 0.5)
+    found = placed(prior, off, refine=False)
+    assert found.shift == found.turn == 0.0
+    np.testing.assert_array_equal(found.scan.points, off.points)
+
+
+def test_a_scan_that_fits_nowhere_is_refused_with_the_number():
+    prior, scan = room(number=0)
+    rng = np.random.default_rng(1)
+    nonsense = scan._replace(points=(scan.position + rng.normal(size=(8000, 3)) * [2, 2, 0.5]).astype(np.float32))
+    with pytest.raises(InputError, match=r"does not fit the prior from there: \d+% of its points match") as told:
+        placed(prior, nonsense, limits=FitLimits(least_overlap=0.4))
+    assert "\n" not in str(told.value)

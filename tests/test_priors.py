@@ -1,0 +1,71 @@
+"""What a scan is compared with, whatever file it comes in."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from jaxmm.inputs import InputError
+from jaxmm.priors import distance_to, prior_of_building, prior_of_cloud, read_prior
+from warp_scanner.room_buildings import building_of_room
+from warp_scanner.scenes import BOX, CYLINDER, PILLAR, WALL, Primitives
+
+
+def walls_and_columns():
+    """Two walls of 0.2 m, one of 0.1 m that stands askew, and a column of 0.4 x 0.3 m."""
+    size = np.array([[4, 0.2, 3], [6, 0.2, 3], [3, 0.1, 3], [0.4, 0.3, 3]]) / 2
+    place = np.array([[0, 0, 1.5], [0, 4, 1.5], [6, 2, 1.5], [2, 2, 1.5]])
+    return Primitives(
+        np.array([[BOX] * 4], np.uint8), place[None].astype(np.float32), size[None].astype(np.float32),
+        np.array([[0, 0, 0.5, 0.2]], np.float32), np.arange(4, dtype=np.int32)[None],
+        np.array([[WALL, WALL, WALL, PILLAR]], np.uint8),
+    )  # fmt: skip
+
+
+def test_sizes_are_the_buildings_own_however_it_is_turned():
+    prior = prior_of_building(building_of_room(walls_and_columns(), 0)[0])
+    assert prior.sizes.walls == pytest.approx((0.2, 0.1))
+    assert prior.sizes.columns[0][:2] == pytest.approx((0.3, 0.4)) and prior.has_elements
+
+
+def test_a_round_column_is_as_wide_as_it_is_deep():
+    table = walls_and_columns()
+    table.kind[0, 3], table.half_size[0, 3] = CYLINDER, (0.25, 0.25, 1.5)
+    prior = prior_of_building(building_of_room(table, 0)[0])
+    assert prior.sizes.columns[0][:2] == pytest.approx((0.5, 0.5), abs=0.02)
+
+
+def test_distances_are_to_the_surface_and_no_farther_than_asked():
+    prior = prior_of_building(building_of_room(walls_and_columns(), 0)[0])
+    found = distance_to(prior, np.array([[0, 1.1, 1.5], [0, 0.05, 1.5], [50, 0, 0]], np.float32), 2.0)
+    np.testing.assert_allclose(found, [1.0, 0.05, 2.0], atol=1e-5)
+
+
+def test_a_ply_without_faces_is_a_cloud_and_with_them_a_building(tmp_path):
+    box = trimesh.creation.box((4, 3, 2.5))
+    trimesh.PointCloud(box.sample(5000)).export(tmp_path / "cloud.ply")
+    box.export(tmp_path / "mesh.ply")
+    cloud, mesh = read_prior(tmp_path / "cloud.ply"), read_prior(tmp_path / "mesh.ply")
+    assert not cloud.has_elements and mesh.has_elements and cloud.sizes.walls == ()
+    assert abs(distance_to(cloud, box.sample(200).astype(np.float32), 1.0)).max() < 0.25
+
+
+def test_a_cloud_on_a_national_grid_loses_nothing():
+    corner = np.array([155_000.25, 463_000.5, 12.0])
+    points = corner + np.random.default_rng(0).random((4000, 3)) * [10, 8, 3]
+    prior = prior_of_cloud(points)
+    back = prior.cloud.astype(np.float64) + prior.origin
+    assert 100 < len(back) < 4000 and np.abs(prior.cloud).max() < 20
+    from scipy.spatial import cKDTree
+
+    assert cKDTree(points).query(back)[0].max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    "name, word", [("none.ifc", "nothing there"), ("folder.ifc", "a folder"), ("x.doc", "ending in")]
+)
+def test_what_is_no_prior_is_refused_in_one_line(tmp_path, name, word):
+    (tmp_path / "folder.ifc").mkdir()
+    (tmp_path / "x.doc").write_bytes(b"hello")
+    with pytest.raises(InputError, match=word) as told:
+        read_prior(tmp_path / name)
+    assert name in str(told.value) and "\n" not in str(told.value)
