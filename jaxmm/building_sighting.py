@@ -12,8 +12,10 @@ from jaxmm.evidence import Frame, Noise, View, margins, noise_of, sigma_at
 from jaxmm.scan_rays import ScanRays, frame_of_rays, measured_points
 from jaxmm.sighting import EVERY, FOOTPRINT, MOST_ANGLE
 from jaxmm.views import Along, view_of_prior, view_of_robot
+from warp_scanner.buildings import element_bounds
 from warp_scanner.neighbours import nearest
 from warp_scanner.scan import Rays
+from warp_scanner.scenes import PILLAR, WALL
 from warp_scanner.sightlines import Predicted, Targets, look, sort_directions
 from warp_scanner.surface import incidence_of
 from warp_scanner.triangles import TriangleScene, cast_faces, cast_triangles, clearance, face_normals
@@ -57,8 +59,8 @@ def hits_of(scene: TriangleScene, position: np.ndarray, direction: np.ndarray) -
 def surfaces_along(scene: TriangleScene, rays: ScanRays) -> np.ndarray:
     """(M, 3) float32 [m] where the rays of the pattern enter elements of the prior, hidden ones too.
 
-    It is what a scan is registered to: were it only what is in sight, a wall that is gone would draw what is seen behind
-    it to its place.
+    It is what a scan is registered to: were it only what is in sight, a wall that is gone would draw what is seen
+    behind it to its place.
     """
     direction, found = rays.pattern, []
     origin, last = np.tile(rays.position, (len(direction), 1)), np.full(len(direction), -1)
@@ -105,12 +107,24 @@ def sight(scene: TriangleScene, rays: ScanRays) -> Sighting:
 
 
 def levels_of(scene: TriangleScene, rays: ScanRays, points: np.ndarray) -> tuple[float, float]:
-    """Heights of the floor under the sensor and of the ceiling above it; where the prior has none, of the points."""
+    """Heights of the floor under the sensor and of the ceiling above it.
+
+    Where the building has none, walls and columns around the sensor's height tell; where it has none of those either,
+    what was measured does.
+    """
     vertical = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], np.float32)
     down, up = cast_triangles(scene, Rays(rays.position[None], vertical)).distance[0].astype(np.float64)
-    low, high = np.percentile(points[:, 2], LEVELS)
-    floor = rays.position[2] - down if np.isfinite(down) else float(min(low, rays.position[2]))
-    ceiling = rays.position[2] + up if np.isfinite(up) else float(max(high, rays.position[2]))
+    floor, ceiling = rays.position[2] - down, rays.position[2] + up
+    if not np.isfinite(floor + ceiling):
+        low, high = (corner[:, 2] for corner in element_bounds(scene.triangles))
+        around = (
+            np.isin(scene.triangles.semantic, (WALL, PILLAR)) & (low < rays.position[2]) & (high > rays.position[2])
+        )
+        ends = (
+            (np.median(low[around]), np.median(high[around])) if around.any() else np.percentile(points[:, 2], LEVELS)
+        )
+        floor = floor if np.isfinite(floor) else min(ends[0], rays.position[2])
+        ceiling = ceiling if np.isfinite(ceiling) else max(ends[1], rays.position[2])
     return float(floor), float(max(ceiling, floor + 0.5))
 
 

@@ -26,6 +26,7 @@ KINDS = {WALL: "wall", PILLAR: "pillar"}
 ONTO = 0.1  # [m] points this close to the prior's surface are the prior's own
 LEAST_NEW = 0.5  # share of an added object's points that must be farther
 LEAST_MET = 8  # rays that tell of an object, below which it is a guess
+MOST_DENIED = 0.03  # share of the rays that tell anything, which may look through an object's core
 SAME_SIZE = (0.1, 0.15)  # [m], share: sides of an object that moved differ by no more than the greater of both
 
 
@@ -92,7 +93,7 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
         alone = _alone(one.box, change, looked)
         new = np.mean(judged.apart[one.members] > ONTO) if change == "added" else 1.0
         tell, deny = sum(part.tell for part in alone), sum(part.deny for part in alone)
-        if new < LEAST_NEW or tell < LEAST_MET or deny > tell:
+        if new < LEAST_NEW or tell < LEAST_MET or deny > MOST_DENIED * (tell + deny):
             continue
         found.append(_mismatch(prior, one.box, change, alone))
     return found

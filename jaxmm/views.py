@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN, Noise, View, margins, sigma_at
+from jaxmm.evidence import BLOCKED, SUPPORT, THROUGH, Noise, View, margins, sigma_at
+
+OPEN = 5.0  # [m] beyond the robot's point, where the prior has nothing at all
 
 
 class Along(NamedTuple):
@@ -35,12 +37,14 @@ def view_of_prior(
 
 
 def view_of_robot(points: np.ndarray, along: Along, apart: np.ndarray, noise: Noise) -> View:
-    """Points of the robot, each with its own ray; `apart` (N,) [m] from the prior's whole surface."""
-    residual, nothing = along.measured - along.expected, np.isinf(along.expected)
+    """Points of the robot, each with its own ray; `apart` (N,) [m] from the prior's whole surface.
+
+    Where the prior has nothing along the ray, its surface is as far beyond the point as can be told.
+    """
+    residual = np.where(np.isinf(along.expected), -OPEN, along.measured - along.expected)
     side = np.where(residual > along.margin, THROUGH, np.where(residual < -along.margin, BLOCKED, SUPPORT))
     count = np.zeros((len(points), 4), np.int64)
-    count[np.arange(len(points)), np.where(nothing, UNSEEN, side)] = 1
+    count[np.arange(len(points)), side] = 1
     own = margins(np.ones(len(points)), sigma_at(noise, along.measured))
-    candidate = (nothing | (side == BLOCKED)) & (apart > own)
-    residual = np.where(nothing, np.nan, residual)
+    candidate = (side == BLOCKED) & (apart > own)
     return View(points, np.full(len(points), -1), count, residual, along.margin, apart, along.cosine, candidate)
