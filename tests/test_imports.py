@@ -15,8 +15,9 @@ FORBIDDEN["jaxmm"] = SIMULATOR | {"benchmarks", "paper"} | PEERS
 JOINTS = {
     f"jaxmm/{name}.py": SIMULATOR
     for name in """
-        pipeline localisation gathering sides sighting cloud_sighting simulator cli priors scan_rays room_scans building_sighting
-        hindsight next_view mismatches cli_detect cloud_comparison detection detect_files ifc_update
+        pipeline localisation gathering sides sighting cloud_sighting simulator cli priors scan_rays room_scans
+        building_sighting hindsight next_view mismatches cli_detect cloud_comparison detection detect_files ifc_update
+        raw_scans scan_files
     """.split()
 }
 

@@ -54,4 +54,4 @@ def test_occluded_rooms_are_ranked_better_than_by_distance(default, scenario, ki
             for method, values in found.items():
                 values.append(point_metrics(scores[method], label, void).roc_auc)
     assert len(found["evidence"]) >= 3
-    assert np.mean(found["evidence"]) > 0.98 and np.mean(found["evidence"]) > np.mean(found["nn-raw"])
+    assert np.mean(found["evidence"]) > 0.97 and np.mean(found["evidence"]) > np.mean(found["nn-raw"])
