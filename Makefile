@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test setup setup-peers weights lint bench clean
+.PHONY: demo test setup setup-peers weights lint bench fuzz clean
 
 demo: setup
 	$(BIN)/jaxmm reproduce configs/demo.toml
@@ -46,6 +46,12 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.pairs
 	$(BIN)/python -m benchmarks.train
 	$(BIN)/python -m benchmarks.detect
+	$(BIN)/python -m benchmarks.detections --out runs/detections
+	$(BIN)/python -m benchmarks.rivals --out runs/rivals.json
+
+# Ten thousand mutations of valid files for every reader, in subprocesses under limits of time and memory.
+fuzz: setup
+	$(BIN)/python -m tests.fuzz --count 10000
 
 clean:
 	rm -rf .venv .cache runs *.egg-info

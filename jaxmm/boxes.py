@@ -1,6 +1,7 @@
-"""Points with a probability in, boxes around the changed pillars or walls out.
+"""Points with a probability in, boxes around the changed pillars or walls out, as in the thesis.
 
-detected points -> clusters -> those that stand up and are of the asked type -> boxes -> merged, distinct, valid.
+detected points -> clusters -> separated where asked for -> those that stand up and are of the asked type -> boxes ->
+merged, distinct, valid.
 N points of one cloud, world frame, metres, z up. Boxes are axis-aligned: the structure of a building is taken to follow
 the world axes (the Manhattan world assumption of the thesis).
 """
@@ -10,6 +11,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from sklearn.cluster import DBSCAN
+
+from jaxmm.object_shapes import faces_of
 
 ObjectType = Literal["pillar", "wall"]
 OBJECT_TYPES = ("pillar", "wall")
@@ -30,19 +33,27 @@ class Box(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class BoxSettings:
-    """How clusters become boxes; every default but `round_spread` is a released setting of the thesis.
+    """How clusters become boxes; every default but `round_spread` and `split_tolerance` is a released setting.
 
-    Splitting a cluster by its principal axes, off in the released settings, is left out.
+    Both ways to separate walls that touch are off in the released settings; what they do is our reading of the thesis.
     """
 
     threshold: float = 0.6  # a point counts as changed from this probability on
     floor_percentile: float = 1.0  # of z over the whole cloud
     ceiling_percentile: float = 99.0
-    trim_z: bool = True  # drop changed points on floor and ceiling before clustering
+    trim_z: bool = True  # drop changed points on floor and ceiling
+    trim_when: Literal["before", "after"] = "before"  # clustering; after it, what they hold together stays one cluster
     surface_margin: float = 0.02  # [m] a point this near to the floor or ceiling, or beyond it, lies on it
     cluster_radius: float = 0.2  # [m] DBSCAN eps
     cluster_neighbours: int = 10  # DBSCAN min_samples
     min_points: int = 30  # in a cluster
+    # A wall cluster whose principal axes differ by less than the ratio in variance is cut in two at its middle, across
+    # the longer one: that parts the arms of an L.
+    split_by_axes: bool = False
+    split_ratio: float = 5.0
+    # A wall cluster is taken apart into its straight runs, whatever their number and directions; experimental.
+    split_by_direction: bool = False
+    split_tolerance: float = 0.05  # [m] of a point from the line of its run
     min_extent_pillar: float = 0.2  # [m] in z, of a cluster
     min_extent_wall: float = 0.1
     # Share of a cluster's points on floor or ceiling above which it is a shadow. Trimming leaves none there, so this
@@ -73,7 +84,9 @@ class BoxSettings:
         if not 0.0 <= self.floor_percentile < self.ceiling_percentile <= 100.0:
             came = (self.floor_percentile, self.ceiling_percentile)
             raise ValueError(f"floor_percentile must lie below ceiling_percentile within [0, 100], got {came}")
-        for name in ("cluster_radius", "cluster_neighbours", "min_points", "wall_thickness"):
+        if self.trim_when not in ("before", "after"):
+            raise ValueError(f"trim_when must be before or after, got {self.trim_when!r}")
+        for name in ("cluster_radius", "cluster_neighbours", "min_points", "wall_thickness", "split_tolerance"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         for name in ("pillar_width", "pillar_height", "wall_width", "wall_length", "wall_height"):
@@ -113,7 +126,10 @@ def fit_boxes(
         return []
     floor, ceiling = floor_and_ceiling(points, settings) if extent is None else extent
     boxes = []
-    for members in clusters_of_changed(points, probability, floor, ceiling, settings):
+    clusters = clusters_of_changed(points, probability, floor, ceiling, settings)
+    if object_type == "wall":
+        clusters = [part for members in clusters for part in separated(points, members, settings)]
+    for members in clusters:
         cluster = points[members]
         if not stands_up(cluster, object_type, floor, ceiling, settings):
             continue
@@ -146,7 +162,7 @@ def clusters_of_changed(
 ) -> list[np.ndarray]:
     """Indices of the changed points, cluster by cluster; those of no cluster, or of too small a one, are left out."""
     changed = np.flatnonzero(probability >= settings.threshold)
-    if settings.trim_z:
+    if settings.trim_z and settings.trim_when == "before":
         changed = changed[~_on_surface(points[changed], floor, ceiling, settings)]
     if len(changed) == 0:
         return []
@@ -155,7 +171,25 @@ def clusters_of_changed(
     search = DBSCAN(eps=settings.cluster_radius, min_samples=settings.cluster_neighbours)
     label = search.fit_predict(points[changed])
     clusters = [changed[label == index] for index in range(label.max() + 1)]
+    if settings.trim_z and settings.trim_when == "after":
+        clusters = [members[~_on_surface(points[members], floor, ceiling, settings)] for members in clusters]
     return [members for members in clusters if len(members) >= settings.min_points]
+
+
+def separated(points: np.ndarray, members: np.ndarray, settings: BoxSettings) -> list[np.ndarray]:
+    """A cluster's members (n,), or the walls that it is made of, as the settings say; too small ones are left out."""
+    parts = [members]
+    if settings.split_by_direction:
+        gap, places = settings.cluster_radius, points[members, :2]
+        faces = faces_of(places, settings.split_tolerance, gap, settings.min_points)
+        parts = [members[np.sort(face.members)] for face in faces]
+    elif settings.split_by_axes:
+        offset = points[members, :2] - points[members, :2].mean(axis=0)
+        variance, axes = np.linalg.eigh(offset.T @ offset)  # ascending; columns are the axes
+        if variance[1] < settings.split_ratio * max(variance[0], 0.0):
+            ahead = offset @ axes[:, 1] >= 0.0
+            parts = [members[ahead], members[~ahead]]
+    return [part for part in parts if len(part) >= settings.min_points]
 
 
 def stands_up(cluster: np.ndarray, object_type: str, floor: float, ceiling: float, settings: BoxSettings) -> bool:

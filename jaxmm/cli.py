@@ -153,9 +153,7 @@ def _parser() -> argparse.ArgumentParser:
 
     cli_detect.add_detect(_command(commands, "detect", cli_detect.detect, cli_detect.EXAMPLE), POSE)
     command = _command(commands, "revert", cli_detect.revert, "jaxmm revert found/updated.ifc --out before.ifc")
-    command.add_argument(
-        "updated", type=Path, metavar="UPDATED.ifc", help="of detect; its undo.json lies beside it"
-    )
+    command.add_argument("updated", type=Path, metavar="UPDATED.ifc", help="of detect; its undo.json lies beside it")
     command.add_argument("--out", type=Path, required=True, metavar="FILE.ifc", help="the model as it was before")
     return parser
 

@@ -1,21 +1,23 @@
-"""What the rays of a scan say of upright patches of space: crossed by a ray that went on, hidden, or met.
+"""What the rays of some scans say of upright patches of space: looked through, met, or hidden.
 
-N points of some scans, S scans. World frame: metres, z up. The points stand for the rays that ended on them; a
-direction without a point tells nothing.
+N points, S scans. World frame: metres, z up. Each point stands for the ray that ended on it; a direction without a
+point tells nothing.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-LEAST_RAYS = 3  # through a patch, before it is called free
+LEAST_RAYS = 3  # toward a patch, before it can be called free
 
 
 class Sight(NamedTuple):
-    """The points of some scans, and where each was seen from."""
+    """The points of some scans, where each was seen from, and the room that they are in."""
 
     points: np.ndarray  # (N, 3) float64 [m]
     origin: np.ndarray  # (N, 3) float64 [m] the sensor of the scan that the point is of
+    floor: float  # [m]
+    ceiling: float
 
 
 class Patch(NamedTuple):
@@ -28,26 +30,29 @@ class Patch(NamedTuple):
 
 
 class Crossings(NamedTuple):
-    """How many rays that head for a patch end where."""
+    """How many of the rays that head for a patch end where."""
 
     beyond: int
     on: int
     before: int
 
     @property
+    def total(self) -> int:
+        """All rays that head for the patch."""
+        return self.beyond + self.on + self.before
+
+    @property
     def free(self) -> float:
-        """Share of the rays that went through, of all; 0 where there are too few to tell."""
-        total = self.beyond + self.on + self.before
-        return self.beyond / total if total >= LEAST_RAYS else 0.0
+        """Share of the rays that went through; 0 where there are too few to tell."""
+        return self.beyond / self.total if self.total >= LEAST_RAYS else 0.0
 
 
-def sight_of(points: np.ndarray, sensors: np.ndarray, scan: np.ndarray | None) -> Sight:
-    """The rays of points (N, 3) seen from sensors (S, 3), each from that of its scan (N,), or from the nearest."""
-    points, sensors = np.asarray(points, np.float64), np.asarray(sensors, np.float64).reshape(-1, 3)
+def sensors_of(points: np.ndarray, sensors: np.ndarray, scan: np.ndarray | None) -> np.ndarray:
+    """The sensor (N, 3) [m] that saw each point: that of its scan (N,) int, or, where None, the nearest of (S, 3)."""
     if scan is None:
-        apart = np.linalg.norm(points[:, None] - sensors, axis=2) if len(sensors) > 1 else np.zeros((len(points), 1))
-        scan = np.argmin(apart, axis=1)
-    return Sight(points, sensors[scan])
+        apart = [np.linalg.norm(points - sensor, axis=1) for sensor in sensors]
+        scan = np.argmin(apart, axis=0)
+    return sensors[scan]
 
 
 def crossings(sight: Sight, patch: Patch, margin: float) -> Crossings:
@@ -59,11 +64,11 @@ def crossings(sight: Sight, patch: Patch, margin: float) -> Crossings:
     across = np.array([-along[1], along[0]])
     offset = sight.points - sight.origin
     height, reach = (patch.start - sight.origin[:, :2]) @ across, offset[:, :2] @ across
-    with np.errstate(divide="ignore", invalid="ignore"):
-        part = height / reach  # of the way to the point at which its ray meets the plane
-        place = ((sight.origin[:, :2] + part[:, None] * offset[:, :2]) - patch.start) @ along
+    with np.errstate(divide="ignore", invalid="ignore"):  # rays along the plane never meet it
+        part = height / reach  # of the way to the point, at which the ray meets the plane
+        place = (sight.origin[:, :2] + part[:, None] * offset[:, :2] - patch.start) @ along
         z = sight.origin[:, 2] + part * offset[:, 2]
         heads = (part > 0.0) & (place >= 0.0) & (place <= length) & (z >= patch.low) & (z <= patch.high)
     past = (np.abs(reach) - np.abs(height))[heads]
     beyond, before = int(np.sum(past > margin)), int(np.sum(past < -margin))
-    return Crossings(beyond, int(heads.sum()) - beyond - before, before)
+    return Crossings(beyond, len(past) - beyond - before, before)

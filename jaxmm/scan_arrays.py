@@ -43,7 +43,7 @@ def read_npz(path: Path) -> list[RawScan]:
 
 def _columns(path: Path, array: np.ndarray) -> np.ndarray:
     if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] < 3:
-        raise InputError(f"{path}: expected points (N, 3) of numbers, got {array.dtype} {array.shape}")
+        raise InputError(f"{path}: expected points (N, 3) of numbers, got {str(array.dtype)[:80]} {array.shape}")
     return array[:, :3]
 
 
@@ -56,7 +56,9 @@ def _check_array(path: Path, archive: zipfile.ZipFile, name: str, size: int) -> 
     if kind.hasobject:
         raise InputError(f"{path}: expected {name} to hold numbers, got pickled objects")
     if np.prod([float(length) for length in shape]) * kind.itemsize > size:
-        raise InputError(f"{path}: expected {name} to fit into {size} bytes, its header promises {kind} {shape}")
+        raise InputError(
+            f"{path}: expected {name} to fit into {size} bytes, its header promises {str(kind)[:80]} {shape}"
+        )
 
 
 def _returns(path: Path, arrays: np.lib.npyio.NpzFile) -> RawScan:

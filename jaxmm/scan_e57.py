@@ -3,6 +3,7 @@
 Points are read in blocks by the library below pye57, whose own `read_scan` holds five copies of them.
 """
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from jaxmm.inputs import InputError
 from jaxmm.raw_scans import BLOCK, RawScan, check_count, check_swelling
 
+PAGE, CONTENT = 1024, 1020  # [bytes] of a page, and before its checksum
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 
@@ -23,7 +25,37 @@ def read_e57(path: Path) -> list[RawScan]:
     """
     import pye57
 
-    file = pye57.E57(str(path))
+    _check_header(path)
+    try:
+        return _scans(path, pye57.E57(str(path)))
+    except pye57.libe57.E57Exception as error:  # what follows the stars is for those who debug the library
+        reason = " ".join(str(error).split("****")[0].split())[:200]
+        raise InputError(f"{path}: expected a whole E57 file: {reason}") from error
+
+
+def _check_header(path: Path) -> None:
+    """Refuse what is no E57 file, is cut off, or declares entities, which could swell in the parser without end."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{path}: expected a name in UTF-8, which the library for E57 needs; rename it") from error
+    size = path.stat().st_size
+    with open(path, "rb") as file:
+        head = file.read(48)
+        if len(head) < 48 or head[:8] != b"ASTM-E57":
+            raise InputError(f"{path}: expected an E57 file (ASTM-E57 and a header), found something else")
+        whole, start, length = struct.unpack("<QQQ", head[16:40])
+        if whole != size or start + length > size:
+            raise InputError(f"{path}: truncated: expected {whole} bytes as its header promises, found {size}")
+        file.seek(start)
+        raw = file.read(length + (length // CONTENT + 2) * (PAGE - CONTENT))
+    first = max(0, CONTENT - start % PAGE)  # the rest of the page that it begins in
+    text = raw[:first] + b"".join(raw[at : at + CONTENT] for at in range(first + PAGE - CONTENT, len(raw), PAGE))
+    if b"<!DOCTYPE" in text[:length] or b"\0" in text[:length]:
+        raise InputError(f"{path}: expected E57 whose XML is UTF-8 without a document type, found another")
+
+
+def _scans(path: Path, file: Any) -> list[RawScan]:
     try:
         headers = [file.get_header(number) for number in range(file.scan_count)]
         check_swelling(path, sum(24 * max(header.point_count, 0) for header in headers))

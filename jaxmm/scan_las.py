@@ -1,7 +1,6 @@
 """LAS and LAZ scans through laspy and lazrs, block by block; scaled integers become float64, so grids lose nothing.
 
-What the libraries would believe is checked before they see it: a number of records that laspy would count to for
-minutes, and a number or length of chunks for which lazrs would take memory until the process dies.
+The header is checked before laspy sees it, which counts for minutes to a number of records that are not there.
 """
 
 import contextlib
@@ -9,11 +8,11 @@ import logging
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from jaxmm.inputs import InputError
+from jaxmm.laz_chunks import check_chunks
 from jaxmm.raw_scans import BLOCK, RawScan, check_count, check_swelling, filled
 
 HEAD = 375  # [bytes] of the largest header
@@ -36,7 +35,7 @@ def read_las(path: Path) -> list[RawScan]:
         check_count(path, header.point_count, 0 if header.are_points_compressed else header.point_format.size)
         if header.are_points_compressed:
             check_swelling(path, header.point_count * header.point_format.size)
-            _check_chunks(path, header)
+            check_chunks(path, header)
         chunks = file.chunk_iterator(BLOCK)
         blocks = (np.column_stack([np.asarray(getattr(chunk, axis), np.float64) for axis in "xyz"]) for chunk in chunks)
         return [RawScan(filled(path, header.point_count, blocks))]
@@ -50,35 +49,6 @@ def _check_header(path: Path) -> None:
     start, count = struct.unpack("<II", head[96:104])
     if start > path.stat().st_size or count * RECORD > start:
         raise InputError(f"{path}: expected {count} records before its points at byte {start}, which do not fit")
-
-
-def _check_chunks(path: Path, header: Any) -> None:
-    """Refuse a packed file whose chunks, of points of another size, do not fit into it."""
-    import lazrs
-
-    size, start = path.stat().st_size, header.offset_to_point_data
-    record = header.vlrs.get("LasZipVlr")
-    if not record:
-        raise InputError(f"{path}: expected the record that tells how its points are packed, found none")
-    layout = lazrs.LazVlr(record[0].record_data)
-    if layout.item_size() != header.point_format.size:
-        raise InputError(f"{path}: expected points of {header.point_format.size} bytes, got {layout.item_size()}")
-    with open(path, "rb") as file:
-        file.seek(start)
-        table = int.from_bytes(file.read(8), "little", signed=True)
-        if table == -1:  # a writer that could not go back put it at the end
-            file.seek(max(0, size - 8))
-            table = int.from_bytes(file.read(8), "little", signed=True)
-        if not start < table <= size - 8:
-            raise InputError(f"{path}: expected a table of chunks within its {size} bytes, its header says at {table}")
-        file.seek(table)
-        _, count = struct.unpack("<II", file.read(8))
-        if count > size // 4:
-            raise InputError(f"{path}: expected chunks that fit into its {size} bytes, its table promises {count}")
-        file.seek(start)
-        promised = sum(length for _, length in lazrs.read_chunk_table(file, layout))
-    if promised > size:
-        raise InputError(f"{path}: expected chunks that fit into its {size} bytes, its table promises {promised} bytes")
 
 
 @contextlib.contextmanager

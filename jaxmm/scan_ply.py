@@ -25,7 +25,8 @@ def read_ply(path: Path) -> list[RawScan]:
         elements, is_ascii = _header(path, file)
         vertex = elements.get("vertex")
         if vertex is None or not {"x", "y", "z"} <= set(vertex["properties"]):
-            raise InputError(f"{path}: expected vertices with x, y and z, found {', '.join(elements) or 'no element'}")
+            found = ", ".join(elements)[:200] or "no element"
+            raise InputError(f"{path}: expected vertices with x, y and z, found {found}")
         if next(iter(elements)) != "vertex":
             raise InputError(f"{path}: expected vertices before all other elements")
         if any("LIST" in kind for kind in vertex["properties"].values()):

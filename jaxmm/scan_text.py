@@ -78,7 +78,9 @@ def read_text(path: Path) -> list[RawScan]:
 def _check_first(path: Path, line: str, delimiter: str | None, names: list[str]) -> None:
     """Refuse a table whose first row of numbers is none, or not of the columns that the header names."""
     fields = [field.strip() for field in line.split(delimiter)]
-    if delimiter != "," and any("," in field for field in fields):
+    words = line.split()
+    single = len(words) > 1 and all(word.count(",") == 1 and word.strip(",") == word for word in words)
+    if single or (delimiter != "," and any("," in field for field in fields)):
         raise InputError(f"{path}: expected numbers with a decimal point, got decimal commas: {line.strip()[:80]}")
     if not all(axis in names for axis in "xyz"):
         if len(fields) < 3 or not all(map(_is_number, fields[:3])):

@@ -232,9 +232,51 @@ def test_points_between_two_clusters_never_depend_on_the_order(seed):
         assert [box.point_count for box in again] == [box.point_count for box in found]
 
 
+def corner_of_walls(along_x, along_y):
+    """Two walls that meet in an L."""
+    return np.concatenate([lattice((0, along_x), 0, HEIGHT), lattice(0, (STEP, along_y), HEIGHT)])
+
+
+@pytest.mark.parametrize(
+    "settings, length",
+    [
+        pytest.param(BoxSettings(split_by_direction=True), 4.0, id="by direction"),
+        pytest.param(BoxSettings(split_by_axes=True), 3.02, id="by principal axes"),  # cuts at the middle of the whole
+    ],
+)
+def test_walls_that_meet_are_separated_only_when_asked(settings, length):
+    walls = corner_of_walls(3.0, length)
+    assert boxes_of("wall", walls) == []  # as the thesis found: one cluster too wide for any box
+    boxes = boxes_of("wall", walls, settings=settings)
+    along_x, along_y = sorted(boxes, key=lambda box: -box.dimensions[0])
+    np.testing.assert_allclose(along_y.dimensions[:2], [0.15, length], atol=0.11)
+    np.testing.assert_allclose(along_x.dimensions[:2], [3.0, 0.15], atol=0.11)
+    np.testing.assert_allclose(along_y.center[:2], [0, length / 2], atol=0.1)
+    np.testing.assert_allclose(along_x.center[:2], [1.5, 0], atol=0.1)
+
+
+def test_separating_changes_nothing_where_walls_stand_apart():
+    walls = lattice((0, 3), -2, HEIGHT), lattice(-4, (0, 4), HEIGHT)
+    plain = boxes_of("wall", *walls)
+    for settings in (BoxSettings(split_by_direction=True), BoxSettings(split_by_axes=True)):
+        for box, again in zip(plain, boxes_of("wall", *walls, settings=settings), strict=True):
+            assert_box(again, box.center, box.dimensions)
+
+
+def test_a_shadow_joins_two_pillars_unless_it_is_trimmed_before_clustering():
+    pillars = pillar_faces(1, 2), pillar_faces(3, 2)
+    shadow = (lattice((1, 3.4), (2, 2.4), FLOOR),)
+    assert len(boxes_of("pillar", *pillars, *shadow)) == 2
+    (both,) = boxes_of("pillar", *pillars, *shadow, settings=BoxSettings(trim_when="after"))
+    assert both.dimensions[0] == pytest.approx(2.4)
+    assert both.point_count < sum(map(len, (*pillars, *shadow)))  # the shadow itself is trimmed all the same
+
+
 def test_settings_are_those_released_with_the_thesis():
     released = BoxSettings()
     assert (released.threshold, released.surface_margin, released.trim_z) == (0.6, 0.02, True)
+    assert (released.trim_when, released.split_by_axes, released.split_by_direction) == ("before", False, False)
+    assert released.split_ratio == 5.0
     assert (released.cluster_radius, released.cluster_neighbours, released.min_points) == (0.2, 10, 30)
     assert (released.wall_thickness, released.merge_gap, released.min_distance) == (0.15, 0.15, 0.5)
     assert (released.wall_width, released.wall_length, released.wall_height) == ((0.05, 0.25), (0.5, 50), (2, 10))
@@ -264,6 +306,7 @@ def test_bad_input_is_named(change, message):
     [
         ({"threshold": 1.2}, "threshold must lie"),
         ({"floor_percentile": 99.5}, "floor_percentile must lie below"),
+        ({"trim_when": "during"}, "trim_when must be before or after, got 'during'"),
         ({"cluster_radius": 0.0}, "cluster_radius must be positive"),
         ({"wall_length": (2.0, 1.0)}, r"wall_length must be \(low, high\)"),
     ],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxmm import clouds
+from jaxmm import clouds, raw_scans, scan_e57, scan_las, scan_pcd, scan_text
 from jaxmm.inputs import InputError
 from jaxmm.scan_files import READERS, read_scans
 
@@ -60,12 +60,12 @@ def write_ply_big(path):
     path.write_bytes((header + "end_header\n").encode() + NATIONAL.astype(">f8").tobytes())
 
 
-def write_las(path):
+def write_las(path, points=NATIONAL, kind=0):
     import laspy
 
-    cloud = laspy.create(point_format=0, file_version="1.2")
-    cloud.header.offsets, cloud.header.scales = NATIONAL[0], [1e-4] * 3
-    cloud.x, cloud.y, cloud.z = NATIONAL.T
+    cloud = laspy.create(point_format=kind)
+    cloud.header.offsets, cloud.header.scales = GRID, [1e-4] * 3
+    cloud.x, cloud.y, cloud.z = points.T
     cloud.write(path)
 
 
@@ -110,6 +110,31 @@ def test_what_others_write_is_read(tmp_path, name, write):
     (found,) = read_scans(tmp_path / name)
     np.testing.assert_allclose(found.points, NATIONAL, atol=2e-4)
     assert found.points.dtype == np.float64 and found.position is None and found.remarks == ()
+
+
+ENDINGS = [".ply", ".pcd", ".e57", ".las", ".laz", ".csv"]
+
+
+@pytest.mark.parametrize("block", [1, 7, 300])
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_blocks_of_any_size_give_the_same_points(tmp_path, monkeypatch, ending, block):
+    path, scan = tmp_path / f"scan{ending}", scan_of(POSE)
+    write_las(path) if ending[:3] == ".la" else clouds.write_scan(path, scan)
+    (whole,) = read_scans(path)
+    for module in (raw_scans, scan_e57, scan_las, scan_pcd, scan_text):
+        monkeypatch.setattr(module, "BLOCK", block)
+    (found,) = read_scans(path)
+    np.testing.assert_allclose(found.points, whole.points, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [0, 6])
+@pytest.mark.parametrize("ending", [".las", ".laz"])
+def test_scaled_integers_lose_nothing_over_many_chunks(tmp_path, ending, kind):
+    pytest.importorskip("lazrs")
+    points = GRID + RNG.integers(-(10**6), 10**6, (120_000, 3)) * 1e-4  # LAZ packs 50,000 at a time
+    write_las(tmp_path / f"a{ending}", points, kind)
+    (found,) = read_scans(tmp_path / f"a{ending}")
+    np.testing.assert_allclose(found.points, points, rtol=0, atol=2e-9)  # what float64 holds of a national grid
 
 
 def test_points_without_coordinates_are_left_out_and_told(tmp_path):

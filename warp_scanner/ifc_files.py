@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from warp_scanner.buildings import AS_IT_IS, Building, Failure, Found, Part, ReadOptions, Storeys, assemble
+from warp_scanner.guarded import limits_for, read_guarded
 from warp_scanner.ifc_maps import to_map
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
 
@@ -68,15 +69,41 @@ def import_ifcopenshell() -> Any:
 def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
     """The building that an IFC file (STEP text, .ifc) describes.
 
+    ifcopenshell runs in a process of its own: brackets without end, or a shape that is none, can crash or stall it.
+
     Args:
         path: the file.
         options: whether glass and doors are there.
 
     Raises:
-        ValueError: missing; not IFC or cut off; no length unit, or an unknown one; no element with a shape.
+        ValueError: missing; not IFC or cut off; no length unit, or an unknown one; no element with a shape; so damaged
+            that the library crashes, or takes longer or more memory than `limits_for` the file allows.
         ImportError: ifcopenshell is not installed.
     """
-    model, notes = _open(Path(path))
+    path = Path(path)
+    _check_text(path)
+    import_ifcopenshell()
+    return read_guarded(parse_ifc, path, options, limits_for(path))
+
+
+def parse_ifc(path: Path, options: ReadOptions) -> Building:
+    """What `read_ifc` does, in this process, which a damaged file may end.
+
+    Raises:
+        ValueError: as `read_ifc` does.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            return _building(path, options)
+    except Exception as error:  # a file that is text of the right kind may still hold anything in any place
+        if isinstance(error, ValueError) and str(path) in str(error):
+            raise
+        why = f"{type(error).__name__}: {' '.join(str(error).split())[:150]}"
+        raise ValueError(f"{path}: not a readable IFC file: its parts do not fit together ({why})") from error
+
+
+def _building(path: Path, options: ReadOptions) -> Building:
+    model, notes = _open(path)
     unit = _unit_scale(model, path)
     storeys, rows = _storeys(model, unit)
     products, left_out = _products(model)
@@ -150,10 +177,14 @@ def _part(owner: Any, shapes: list[_Shape], rows: dict[int, int], options: ReadO
     return Part(owner.GlobalId, owner.is_a(), owner.Name or "", _storey_of(owner, rows), semantic, vertices, faces)
 
 
-def _open(path: Path) -> tuple[Any, tuple[str, ...]]:
-    """The parsed file, and what had to be mended in it."""
+def _check_text(path: Path) -> None:
+    """Refuse what is no IFC file from its first and last bytes."""
     if not path.is_file():
         raise ValueError(f"{path}: expected a file, found {'a folder' if path.is_dir() else 'nothing there'}")
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise ValueError(f"{path}: expected a name in UTF-8, which the library for IFC needs; rename it") from error
     with open(path, "rb") as file:
         head = file.read(4096)
         file.seek(max(0, os.path.getsize(path) - 4096))
@@ -162,6 +193,10 @@ def _open(path: Path) -> tuple[Any, tuple[str, ...]]:
         raise ValueError(f"{path}: expected an IFC file (text that begins with ISO-10303-21), found something else")
     if b"END-ISO-10303-21" not in tail:
         raise ValueError(f"{path}: the file is cut off: it does not end with END-ISO-10303-21")
+
+
+def _open(path: Path) -> tuple[Any, tuple[str, ...]]:
+    """The parsed file, and what had to be mended in it."""
     ifcopenshell = import_ifcopenshell()
     try:
         model = ifcopenshell.open(str(path))

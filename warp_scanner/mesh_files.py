@@ -3,6 +3,10 @@
 Rays meet whatever surface there is, so open ones and edges of more than two triangles are kept; the latter are listed.
 """
 
+import contextlib
+import logging
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -74,14 +78,39 @@ def _nodes(path: Path) -> list[tuple[str, Any]]:
     import trimesh  # slow to import, and generated rooms do not need it
 
     try:
-        # Unprocessed: merging or dropping vertices would hide what is wrong with the file.
-        scene = trimesh.load_scene(path, process=False, split_objects=True, group_material=False)
-        nodes = []
-        for node in scene.graph.nodes_geometry:
-            matrix, name = scene.graph[node]
-            mesh = scene.geometry[name]
-            if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
-                nodes.append((str(node), mesh.copy().apply_transform(matrix)))
+        with _silent("trimesh"):
+            # Unprocessed: merging or dropping vertices would hide what is wrong with the file.
+            scene = trimesh.load_scene(path, process=False, split_objects=True, group_material=False)
+            nodes = []
+            for node in scene.graph.nodes_geometry:
+                matrix, name = scene.graph[node]
+                mesh = scene.geometry[name]
+                if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+                    _check_shapes(mesh)
+                    nodes.append((str(node), mesh.copy().apply_transform(matrix)))
+    except UnicodeEncodeError as error:
+        raise ValueError(f"{path}: expected a name in UTF-8, which the library for meshes needs; rename it") from error
     except Exception as error:  # every format's parser raises classes of its own
         raise ValueError(f"{path}: not a readable mesh file ({type(error).__name__})") from error
     return nodes
+
+
+def _check_shapes(mesh: Any) -> None:
+    """The library takes vertices of two numbers, or none, as they come."""
+    vertices, faces = np.shape(mesh.vertices), np.shape(mesh.faces)
+    if len(vertices) != 2 or vertices[1] != 3 or len(faces) != 2 or faces[1] != 3:
+        raise ValueError(f"vertices of shape {vertices} and faces of shape {faces}")
+
+
+@contextlib.contextmanager
+def _silent(library: str) -> Iterator[None]:
+    """Without what a library and NumPy under it say of a failure beside the exception."""
+    logger = logging.getLogger(library)
+    level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)

@@ -1,0 +1,175 @@
+"""Pieces of objects: clusters of probable points become upright faces and round shafts, pieces of one wall one piece.
+
+N points of one side of the scans. World frame: metres, z up. Plan: x and y.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+from sklearn.cluster import DBSCAN
+
+from jaxmm.object_shapes import Circle, Face, circle_through, face_through, faces_of
+from jaxmm.object_sight import Patch, Sight, crossings
+
+
+@dataclasses.dataclass(frozen=True)
+class PieceSettings:
+    """How probable points become pieces. Lengths in metres."""
+
+    link: float = 0.35  # points closer than this, heights halved, are of one cluster
+    neighbours: int = 4  # that a point within a cluster has, itself included
+    least_points: int = 10  # of a piece
+    least_height: float = 0.4  # from the lowest to the highest point of a piece
+    tolerance: float = 0.05  # of a point from the face or the circle that it lies on
+    run_gap: float = 0.5  # most between neighbours of one face
+    hidden_gap: float = 2.5  # most between faces of one wall, where nothing shows that the gap is free
+    in_line: float = 0.15  # most of one face from the line of the other, if they are of one wall
+    turn: float = 8.0  # [degrees] most between them
+    free: float = 0.5  # share of the rays through a patch beyond which it is free
+    rim: float = 0.04  # left out above and below a piece when one looks past it
+    least_gap: float = 0.1  # to ceiling or floor, through which one can look
+    beside: float = 0.2  # most between two sides of one thing
+    step_up: float = 0.15  # most of one side's top above the other's
+    arc: float = 1.2  # [rad] least that is seen of a circle
+    radius: tuple[float, float] = (0.05, 1.0)
+
+
+class Piece(NamedTuple):
+    """What is seen of one object, or of a part of it."""
+
+    members: np.ndarray  # (n,) int of the points
+    face: Face | None  # a straight run; its members are the piece's
+    circle: Circle | None  # or a round shaft
+    cluster: int
+    origin: np.ndarray  # (3,) [m] where it was seen from
+
+    @property
+    def toward(self) -> np.ndarray:
+        """(2,) unit normal of the face, toward where it was seen from."""
+        across = self.face.across
+        return across if (self.origin[:2] - self.face.center) @ across >= 0.0 else -across
+
+
+def pieces_of(sight: Sight, chosen: np.ndarray, settings: PieceSettings) -> list[Piece]:
+    """Faces and round shafts among the chosen points (n,) int, cluster by cluster."""
+    pieces: list[Piece] = []
+    for number, members in enumerate(_clusters(sight, chosen, settings)):
+        places = sight.points[members, :2]
+        faces = faces_of(places, settings.tolerance, settings.run_gap, settings.least_points)
+        circle = _round(places, faces, settings)
+        shapes = [(members[circle.on], None, circle)] if circle is not None else []
+        if circle is None:
+            shapes = [(members[face.members], face._replace(members=members[face.members]), None) for face in faces]
+        pieces += [Piece(*shape, number, np.median(sight.origin[shape[0]], axis=0)) for shape in shapes]
+    return pieces
+
+
+def upright(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[Piece]:
+    """The pieces that may reach from floor to ceiling: nobody looks past them above or below.
+
+    What stands right beside a piece that does not, and is no higher, is another side of the same thing.
+    """
+    fits = [_may_be_upright(sight, piece, settings) for piece in pieces]
+    low = [piece for piece, fit in zip(pieces, fits, strict=True) if not fit]
+    passed = [piece for piece, fit in zip(pieces, fits, strict=True) if fit]
+    return [piece for piece in passed if not any(_is_side_of(sight, piece, other, settings) for other in low)]
+
+
+def joined(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[Piece]:
+    """The pieces, those in one line made one where the gap between them is not seen to be free; most points first."""
+    pieces = sorted(pieces, key=lambda piece: -len(piece.members))
+    first = 0
+    while first < len(pieces):
+        for second in range(first + 1, len(pieces)):
+            if _is_one(sight, pieces[first], pieces[second], settings):
+                pieces[first] = _merged(sight, pieces[first], pieces.pop(second))
+                break  # the grown face may now reach one that it did not
+        else:
+            first += 1
+    return pieces
+
+
+def _clusters(sight: Sight, chosen: np.ndarray, settings: PieceSettings) -> list[np.ndarray]:
+    if len(chosen) == 0:
+        return []
+    # What hides a strip of an upright thing leaves a gap of its height, so heights count half.
+    places = sight.points[chosen] * [1.0, 1.0, 0.5]
+    order = np.lexsort(places.T)  # a point on the edge of two clusters must not go by the caller's order
+    label = DBSCAN(eps=settings.link, min_samples=settings.neighbours).fit_predict(places[order])
+    clusters = [np.sort(chosen[order[label == number]]) for number in range(label.max() + 1)]
+    return [members for members in clusters if len(members) >= settings.least_points]
+
+
+def _round(places: np.ndarray, faces: list[Face], settings: PieceSettings) -> Circle | None:
+    """The circle of a cluster (n, 2), if it fits its points clearly better than the three best faces do."""
+    if np.linalg.norm(np.ptp(places, axis=0)) > 4.0 * settings.radius[1]:
+        return None
+    circle = circle_through(places, settings.tolerance)
+    if circle is None or circle.arc < settings.arc or not settings.radius[0] <= circle.radius <= settings.radius[1]:
+        return None
+    most = settings.tolerance
+    off = np.minimum(np.abs(np.linalg.norm(places - circle.center, axis=1) - circle.radius), most)
+    straight = np.full(len(places), most)
+    for face in faces[:3]:
+        place, beside = (places - face.center) @ face.along, (places - face.center) @ face.across
+        straight = np.minimum(straight, np.hypot(beside, np.maximum(np.abs(place) - face.length / 2, 0.0)))
+    return circle if np.sum(off**2) < 0.6 * np.sum(straight**2) and circle.on.mean() > 0.6 else None
+
+
+def _may_be_upright(sight: Sight, piece: Piece, settings: PieceSettings) -> bool:
+    z = sight.points[piece.members, 2]
+    low, high = float(z.min()), float(z.max())
+    if high - low < settings.least_height:
+        return False
+    start, end = _front(piece)
+    for bottom, top in ((high, sight.ceiling), (sight.floor, low)):
+        if top - bottom > settings.least_gap:
+            patch = Patch(start, end, bottom + settings.rim, top - settings.rim)
+            if crossings(sight, patch, settings.tolerance).free > settings.free:
+                return False
+    return True
+
+
+def _is_side_of(sight: Sight, piece: Piece, other: Piece, settings: PieceSettings) -> bool:
+    if piece.cluster != other.cluster or len(other.members) < len(piece.members) / 4:
+        return False
+    points, others = sight.points[piece.members], sight.points[other.members]
+    if points[:, 2].max() > others[:, 2].max() + settings.step_up:
+        return False
+    return bool(cKDTree(others[:, :2]).query(points[:, :2])[0].min() <= settings.beside)
+
+
+def _front(piece: Piece) -> tuple[np.ndarray, np.ndarray]:
+    """Both ends (2,) of what one sees of a piece, drawn in a little: rays past its edges tell nothing."""
+    if piece.face is not None:
+        start, end = piece.face.ends
+        return start + 0.15 * (end - start), end - 0.15 * (end - start)
+    away = piece.circle.center - piece.origin[:2]
+    side = np.array([-away[1], away[0]]) / max(float(np.linalg.norm(away)), 1e-6) * piece.circle.radius * 0.7
+    return piece.circle.center - side, piece.circle.center + side
+
+
+def _is_one(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> bool:
+    """Whether two pieces are of one wall; a face and the one at its back are not one face."""
+    if a.face is None or b.face is None or a.toward @ b.toward < np.cos(np.radians(settings.turn)):
+        return False
+    ends = b.face.ends - a.face.center
+    if np.abs(ends @ a.face.across).max() > settings.in_line + 0.02 * b.face.length:
+        return False
+    (low, high), half = np.sort(ends @ a.face.along), a.face.length / 2
+    between = (half, low) if low > half else (high, -half)
+    gap = between[1] - between[0]
+    if gap <= settings.run_gap or gap > settings.hidden_gap:
+        return bool(gap <= settings.run_gap)
+    start, end = (a.face.center + a.face.along * place for place in between)
+    inset = 0.1 * (end - start)
+    patch = Patch(start + inset, end - inset, sight.floor + settings.rim, sight.ceiling - settings.rim)
+    crossed = crossings(sight, patch, settings.tolerance)
+    return crossed.before > 0 and crossed.free < 0.1
+
+
+def _merged(sight: Sight, a: Piece, b: Piece) -> Piece:
+    members = np.sort(np.concatenate([a.members, b.members]))
+    return a._replace(members=members, face=face_through(sight.points[:, :2], members))

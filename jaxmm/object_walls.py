@@ -1,0 +1,135 @@
+"""Walls behind the faces that are seen of them: how thick, and how far they go on where something hides it.
+
+N points of one side of the scans. World frame: metres, z up. Plan: x and y.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.object_pieces import Piece, PieceSettings
+from jaxmm.object_sight import Patch, Sight, crossings
+
+
+class KnownSizes(NamedTuple):
+    """What the building is made of, as its prior says."""
+
+    walls: tuple[float, ...] = ()  # thicknesses [m], one for each wall
+    columns: tuple[tuple[float, float, bool], ...] = ()  # width and depth [m], and whether it is round
+
+
+@dataclasses.dataclass(frozen=True)
+class WallSettings(PieceSettings):
+    """How faces become walls. Lengths in metres."""
+
+    thickness: float = 0.15  # of a wall of which one face is seen, in a building whose walls nobody knows
+    least_thickness: float = 0.08  # that an end or a second face shows; less is noise
+    most_thickness: float = 0.42
+    usual_length: float = 2.0  # to which a wall is made up where it may go on unseen
+    hidden_end: float = 3.0  # beyond the end of a face, as far as it is looked for
+    shown: float = 0.2  # a face ends where one sees, within this, that it does not go on
+    fits: float = 0.06  # of a size from a known one, to be that
+    corner: float = 0.25  # most between what meets
+
+
+class Solid(NamedTuple):
+    """One wall or pillar in plan."""
+
+    object_type: str  # "pillar" | "wall"
+    shape: str  # "rectangular" | "round"
+    center: np.ndarray  # (2,) [m]
+    edges: np.ndarray  # (2,) [m] along the own axes
+    along: np.ndarray  # (2,) unit vector: the first of those
+    members: np.ndarray  # (n,) int of the points
+
+
+STEP = 0.1  # [m] in which the line of a face is followed beyond its end
+
+
+def wall_behind(
+    sight: Sight, wall: Piece, others: list[Piece], settings: WallSettings, known: tuple[float, ...]
+) -> Solid:
+    """A wall behind its visible face.
+
+    Args:
+        sight: of all points.
+        wall: the face.
+        others: its ends and its other face, which tell how thick it is.
+        settings: what is assumed of it.
+        known: thicknesses of the building's walls [m].
+    """
+    face = wall.face
+    members = np.sort(np.concatenate([wall.members, *(piece.members for piece in others)]))
+    offset = sight.points[members, :2] - face.center
+    depth = -(offset @ wall.toward)
+    # A single column of points on a slanting end may be anywhere on it.
+    measured = any(piece.face.length >= settings.tolerance for piece in others)
+    thickness = _thickness(float(depth.max()) if measured else 0.0, settings, known)
+    # A pillar before the wall, say, is none of its length.
+    place = (offset @ face.along)[np.abs(depth) <= settings.most_thickness]
+    low, high = float(place.min()), float(place.max())
+    before, after = _made_up(high - low, [reach(sight, wall, way, settings) for way in (-1.0, 1.0)], settings)
+    low, high = low - before, high + after
+    center = face.center + face.along * (low + high) / 2 - wall.toward * thickness / 2
+    return Solid("wall", "rectangular", center, np.array([high - low, thickness]), face.along, members)
+
+
+def wall_end_on(piece: Piece, settings: WallSettings) -> Solid:
+    """A wall behind its end, which is all that is seen of it: as thick as that, of the usual length."""
+    length, toward = settings.usual_length, piece.toward
+    edges = np.array([length, max(piece.face.length, settings.least_thickness)])
+    return Solid("wall", "rectangular", piece.face.center - toward * length / 2, edges, toward, piece.members)
+
+
+def reach(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> float:
+    """How much further [m] a face may go on at one end (`way` -1 or 1) before one sees that it does not.
+
+    Infinite where that is out of view, or too far away.
+    """
+    end, along = piece.face.ends[0 if way < 0 else 1], way * piece.face.along
+    for number in range(round(settings.hidden_end / STEP)):
+        near = end + along * (0.05 + number * STEP)
+        patch = Patch(near, near + along * STEP, sight.floor + settings.rim, sight.ceiling - settings.rim)
+        found = crossings(sight, patch, settings.tolerance)
+        if found.total == 0:
+            return np.inf
+        if found.beyond > 0.3 * found.total or found.on > 0.5 * found.total:
+            return number * STEP
+    return np.inf
+
+
+def seen_thin(sight: Sight, piece: Piece, settings: WallSettings) -> bool:
+    """Whether one looks through where the side of a square pillar would be, had it the face as its front."""
+    face, toward = piece.face, piece.toward
+    if face.length <= settings.most_thickness + 0.1:
+        return False
+    for end in face.ends:
+        near, far = end - toward * settings.most_thickness, end - toward * face.length
+        patch = Patch(near, far, sight.floor + settings.rim, sight.ceiling - settings.rim)
+        if crossings(sight, patch, settings.tolerance).free > settings.free:
+            return True
+    return False
+
+
+def _thickness(seen: float, settings: WallSettings, known: tuple[float, ...]) -> float:
+    """What is seen of a thickness [m], or the known one that it fits; the middle one of those where nothing is."""
+    if seen < settings.least_thickness:
+        return sorted(known)[len(known) // 2] if known else settings.thickness
+    near = min(known, key=lambda one: abs(one - seen), default=seen)
+    return near if abs(near - seen) <= settings.fits else seen
+
+
+def _made_up(length: float, hidden: list[float], settings: WallSettings) -> tuple[float, float]:
+    """How far [m] a wall is taken to go on beyond either end, which may be hidden so far [m].
+
+    Half way to where one sees that it does not, and where it may, until it is as long as walls usually are.
+    """
+    sure = [one / 2 if np.isfinite(one) else 0.0 for one in hidden]
+    more = [
+        min(one, settings.hidden_end) - grown if one >= settings.shown else 0.0
+        for one, grown in zip(hidden, sure, strict=True)
+    ]
+    missing = max(settings.usual_length - length - sum(sure), 0.0)
+    share = min(missing / max(sum(more), 1e-6), 1.0)
+    return sure[0] + share * more[0], sure[1] + share * more[1]

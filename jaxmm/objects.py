@@ -1,0 +1,156 @@
+"""From points with two probabilities to objects: which walls and pillars stand there, how large, and how surely.
+
+probable points -> clusters -> upright faces and shafts -> faces of one wall joined -> walls and pillars -> boxes.
+N points of one side of some scans, S scans. World frame: metres, z up. An object is an upright prism, turned by any
+angle. What ends below the ceiling, while one sees over it, is furniture, whatever its points look like.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.boxes import Box
+from jaxmm.object_pieces import joined, pieces_of, upright
+from jaxmm.object_sight import Sight, sensors_of
+from jaxmm.object_solids import SolidSettings, solids_of
+from jaxmm.object_walls import KnownSizes, Solid
+
+
+class Judged(NamedTuple):
+    """One side of one scan or several, thinned to about one point a voxel of 0.1 m, and what the networks say of it."""
+
+    points: np.ndarray  # (N, 3) [m] world, or offsets from some origin
+    pillar: np.ndarray  # (N,) P(of a changed pillar)
+    wall: np.ndarray  # (N,) P(of a changed wall)
+    apart: np.ndarray  # (N,) [m] to the surface of the other side
+    sensor: np.ndarray  # (S, 3) [m] where the scans were taken from, in the frame of the points
+    floor: float  # [m]
+    ceiling: float
+    scan: np.ndarray | None = None  # (N,) int which of the S saw each point; where None, the nearest
+    furniture: bool = True  # whether it may hold furniture, as a robot scan does and a building model does not
+
+
+class Found(NamedTuple):
+    """One object."""
+
+    box: Box  # its probability is that it is real
+    members: np.ndarray  # (n,) int of the points that it was fitted to, in order
+
+
+@dataclasses.dataclass(frozen=True)
+class ObjectSettings(SolidSettings):
+    """How points become objects; chosen on validation rooms, as were the settings of the steps. Lengths in metres."""
+
+    threshold: float = 0.3  # a point is looked at from this probability on; whether its object is real is told by all
+    least_apart: float = 0.0  # points closer to the other side's surface are none of an object
+    surface_margin: float = 0.05  # points this near to floor or ceiling are none either
+    least_probability: float = 0.5  # of an object that is told of
+    furniture_height: float = 2.25  # what is seen no higher above the floor may be furniture
+
+    def __post_init__(self):
+        for name in ("threshold", "least_probability"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not np.all(np.asarray(value) >= 0.0):  # also false for NaN
+                raise ValueError(f"{field.name} must not be negative, got {value}")
+        if self.link <= 0.0 or self.tolerance <= 0.0:
+            raise ValueError(f"link and tolerance must be positive, got {self.link} and {self.tolerance}")
+
+
+def find_objects(
+    judged: Judged, settings: ObjectSettings | None = None, known: KnownSizes | None = None
+) -> list[Found]:
+    """Find the walls and pillars among the points that the networks hold for changed.
+
+    Args:
+        judged: all points of one side; those that did not change tell where nothing stands.
+        settings: by default those that were best in validation rooms.
+        known: wall thicknesses and column sections of the building, taken on where they fit.
+
+    Returns:
+        Objects, the surest first. Their order and content do not depend on the order of the points.
+
+    Raises:
+        ValueError: shapes that disagree, values that are not finite, probabilities outside [0, 1], or a ceiling that
+            is not above the floor.
+    """
+    settings, known = settings or ObjectSettings(), known or KnownSizes()
+    sight, score = _checked(judged)
+    probability, z = np.maximum(*score), sight.points[:, 2]
+    inside = (z > sight.floor + settings.surface_margin) & (z < sight.ceiling - settings.surface_margin)
+    chosen = inside & (probability >= settings.threshold) & (np.asarray(judged.apart) >= settings.least_apart)
+    pieces = upright(sight, pieces_of(sight, np.flatnonzero(chosen), settings), settings)
+    solids = solids_of(sight, joined(sight, pieces, settings), score, settings, known)
+    apart = np.asarray(judged.apart, np.float64)
+    found = []
+    for solid in solids:
+        low = judged.furniture and z[solid.members].max() - sight.floor < settings.furniture_height
+        odds = log_odds_of_object(probability[solid.members])
+        if low:
+            odds = min(odds, log_odds_of_low_object(sight, solid, probability, apart))
+        found.append(Found(_box(sight, solid, float(1.0 / (1.0 + np.exp(-odds)))), solid.members))
+    kept = [one for one in found if one.box.probability >= settings.least_probability]
+    return sorted(kept, key=lambda one: (-one.box.probability, *one.box.center))
+
+
+def log_odds_of_object(probability: np.ndarray) -> float:
+    """Log odds that an object is real, from the probabilities of its points (n,): many of one mind say more than few.
+
+    A logistic regression on objects of validation rooms, less what makes up for changes being rarer elsewhere.
+    """
+    return float(_mean_logit(probability) + 1.3 * np.log(len(probability)) - 4.8)
+
+
+def log_odds_of_low_object(sight: Sight, solid: Solid, probability: np.ndarray, apart: np.ndarray) -> float:
+    """The same of an object of which nothing is seen above the height of furniture, so that it may be some.
+
+    Furniture stands against walls, is longer than deep, and seldom round.
+    """
+    members, edges = solid.members, np.maximum(solid.edges, 0.05)
+    top = float(sight.points[members, 2].max() - sight.floor)
+    longer = np.log(edges.max() / edges.min()) if solid.object_type == "pillar" else 0.0
+    of_points = 0.6 * _mean_logit(probability[members]) + 1.2 * np.log(len(members))
+    of_place = 3.1 * np.clip(np.median(apart[members]), 0.0, 1.0) + 1.4 * top
+    return float(of_points + of_place - 2.7 * longer + 1.7 * (solid.shape == "round") - 9.6)
+
+
+def _mean_logit(probability: np.ndarray) -> float:
+    mean = float(np.clip(np.mean(probability), 0.003, 0.997))
+    return float(np.log(mean / (1.0 - mean)))
+
+
+def _box(sight: Sight, solid: Solid, probability: float) -> Box:
+    """From floor to ceiling: nothing that is seen to end before is left."""
+    turn = float(np.degrees(np.arctan2(solid.along[1], solid.along[0])))
+    return Box(
+        solid.object_type,
+        np.array([*solid.center, (sight.floor + sight.ceiling) / 2]),
+        np.array([*solid.edges, sight.ceiling - sight.floor]),
+        (turn + 90.0) % 180.0 - 90.0,
+        solid.shape,
+        probability,
+        len(solid.members),
+    )
+
+
+def _checked(judged: Judged) -> tuple[Sight, tuple[np.ndarray, np.ndarray]]:
+    points, sensors = np.asarray(judged.points, np.float64), np.asarray(judged.sensor, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"points must be (N, 3), got {points.shape}")
+    if sensors.ndim != 2 or sensors.shape[1] != 3 or not len(sensors):
+        raise ValueError(f"sensor must be (S >= 1, 3), got {sensors.shape}")
+    if not np.isfinite(points).all() or not np.isfinite(sensors).all():
+        raise ValueError("points and sensor must be finite")
+    for name in ("pillar", "wall", "apart"):
+        if np.shape(getattr(judged, name)) != (len(points),):
+            raise ValueError(f"{name} must be ({len(points)},), got {np.shape(getattr(judged, name))}")
+    score = np.asarray(judged.pillar, np.float64), np.asarray(judged.wall, np.float64)
+    if not all(np.all((one >= 0.0) & (one <= 1.0)) for one in score):  # also false for NaN
+        raise ValueError("pillar and wall must lie in [0, 1], got values outside it")
+    if not judged.floor < judged.ceiling:
+        raise ValueError(f"floor must lie below ceiling, got {judged.floor} and {judged.ceiling}")
+    origin = sensors_of(points, sensors, judged.scan)
+    return Sight(points, origin, float(judged.floor), float(judged.ceiling)), score

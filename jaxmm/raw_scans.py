@@ -1,0 +1,95 @@
+"""What a reader of scan files hands over, and the checks that all of them share: what a header promises must be true.
+
+N points. World frame of the file, in its units. Points arrive in blocks and land in one array, so a scan of 50 million
+points is never held twice; its memory is taken as it fills, so a lying header costs nothing.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.inputs import InputError
+
+BLOCK = 1 << 19  # points read at once
+MOST_POINTS = 2_000_000_000  # more than that is a damaged header
+MOST_SWELLING = 200  # times that a packed file may grow; real ones grow 3 to 20 times
+SMALL = 10_000  # [bytes] a file below this may swell as if it had them: packing has a fixed cost
+
+
+class RawScan(NamedTuple):
+    """One scan as a reader found it, unchecked."""
+
+    points: np.ndarray  # (N, 3 or more) numbers
+    position: np.ndarray | None = None  # (3,) float64 of the sensor
+    rotation: np.ndarray | None = None  # (3, 3) float64 sensor frame to world
+    remarks: tuple[str, ...] = ()
+
+
+def check_count(path: Path, count: int, least_bytes: float = 0.0) -> None:
+    """Refuse a number of points that no file holds, or not this one.
+
+    Args:
+        path: the file.
+        count: points that its header promises.
+        least_bytes: of the file that each of them takes.
+
+    Raises:
+        InputError: none, more than MOST_POINTS, or more than fit.
+    """
+    size = path.stat().st_size
+    if not 0 < count <= MOST_POINTS or count * least_bytes > size:
+        raise InputError(f"{path}: expected points that fit into its {size} bytes, its header promises {count}")
+
+
+def check_swelling(path: Path, unpacked: int) -> None:
+    """Refuse a packed file that would fill the memory.
+
+    Raises:
+        InputError: `unpacked` bytes are more than MOST_SWELLING times those of the file.
+    """
+    if unpacked > MOST_SWELLING * max(path.stat().st_size, SMALL):
+        raise InputError(f"{path}: expected a scan, found a packed file that swells to {unpacked / 1e9:.3g} GB")
+
+
+def filled(path: Path, count: int, blocks: Iterable[np.ndarray]) -> np.ndarray:
+    """All blocks in one array.
+
+    Args:
+        path: the file, for the error.
+        count: points that its header promises.
+        blocks: (n, 3) numbers each.
+
+    Returns:
+        (N, 3) float64, N = count.
+
+    Raises:
+        InputError: the blocks hold another number of points.
+    """
+    points, found = np.zeros((count, 3)), 0
+    for block in blocks:
+        if found + len(block) > count:
+            raise InputError(f"{path}: expected {count} points as its header promises, found more")
+        points[found : found + len(block)] = block
+        found += len(block)
+    if found < count:
+        raise InputError(f"{path}: truncated: expected {count} points as its header promises, found {found}")
+    return points
+
+
+def records(file: object, kind: np.dtype, count: int, axes: tuple[str, ...] = ("x", "y", "z")) -> Iterable[np.ndarray]:
+    """Blocks (n, 3) float64 of the binary records that come next in an open file.
+
+    Args:
+        file: open for reading bytes, at the first record.
+        kind: fields of a record, x, y and z among them.
+        count: records to read; fewer come back where the file ends before.
+        axes: names of the fields.
+    """
+    while count > 0:
+        table = np.fromfile(file, kind, min(BLOCK, count))
+        if not len(table):
+            return
+        yield np.column_stack([table[axis].astype(np.float64) for axis in axes])
+        count -= len(table)

@@ -1,0 +1,97 @@
+"""A reader that crashes, stalls, swallows memory or talks does so in a process of its own, and costs one line."""
+
+import os
+import re
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from warp_scanner import guarded
+from warp_scanner.guarded import Limits, limits_for, read_guarded
+
+LIMITS = Limits(60, 4 << 30)
+PATH = Path("a.ifc")
+
+
+def well(path, options):
+    print("what a library says")
+    os.write(1, b"and what it says below Python")
+    return {"path": path, "options": options, "array": np.arange(5)}
+
+
+def refuse(path, _):
+    raise ValueError(f"{path}: expected more")
+
+
+def crash(_, number):
+    os.kill(os.getpid(), number)
+
+
+def stall(*_):
+    while True:
+        pass
+
+
+def sleep(*_):
+    time.sleep(600.0)
+
+
+def swallow(path, count):
+    try:
+        return len(np.ones(count))
+    except MemoryError as error:
+        raise ValueError(f"{path}: too much") from error
+
+
+def fail(*_):
+    raise KeyError("a bug")
+
+
+def test_what_is_read_comes_back_whole():
+    found = read_guarded(well, PATH, ("solid", 2.0), LIMITS)
+    np.testing.assert_array_equal(found.pop("array"), np.arange(5))
+    assert found == {"path": PATH, "options": ("solid", 2.0)}
+
+
+@pytest.mark.parametrize(
+    "read, options, limits, words",
+    [
+        (refuse, None, LIMITS, "a.ifc: expected more"),
+        (crash, signal.SIGSEGV, LIMITS, "a.ifc: .* killed by SIGSEGV"),
+        (crash, signal.SIGABRT, LIMITS, "a.ifc: .* killed by SIGABRT"),
+        (stall, None, Limits(1, 4 << 30), "a.ifc: .* 1 s of computing, .* not done"),
+        (swallow, 10**9, LIMITS, "a.ifc: too much"),
+        (fail, None, LIMITS, "a.ifc: .* the reader ended"),
+    ],
+)
+def test_what_goes_wrong_is_one_line(read, options, limits, words, capfd):
+    with pytest.raises(ValueError, match=words) as caught:
+        read_guarded(read, PATH, options, limits)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_sleeps_is_woken(monkeypatch):
+    monkeypatch.setattr(guarded, "_SLEEP", 1)
+    with pytest.raises(ValueError, match=r"a.ifc: .* not done"):
+        read_guarded(sleep, PATH, None, Limits(1, 4 << 30))
+
+
+def test_limits_grow_with_the_file(tmp_path):
+    (tmp_path / "a.ifc").write_bytes(bytes(1_000_000))
+    assert limits_for(tmp_path / "a.ifc") == Limits(120, (4 << 30) + 200_000_000)
+
+
+def test_brackets_without_end_are_one_line(tmp_path):
+    pytest.importorskip("ifcopenshell")
+    from tests.valid_ifc import ifc_text
+    from warp_scanner.ifc_files import read_ifc
+
+    path = tmp_path / "a.ifc"
+    path.write_bytes(ifc_text("IFC4").replace(b"'IFC4'", b"'IFC4'" + b"[" * 100_000))  # crashes ifcopenshell 0.9
+    with pytest.raises(ValueError, match=re.escape(str(path))) as caught:
+        read_ifc(path)
+    assert "\n" not in str(caught.value)

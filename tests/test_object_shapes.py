@@ -1,0 +1,93 @@
+"""Lines and circles through points: known shapes are given back, and what a sensor does not see is not missed."""
+
+import numpy as np
+import pytest
+
+from jaxmm.object_shapes import circle_through, face_through, faces_of, line_through, rectangle_along
+
+
+def turned(places, angle, shift=(0.0, 0.0)):
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    return places @ turn + shift
+
+
+def run(length, count=40):
+    """Points along x from 0."""
+    return np.column_stack([np.linspace(0.0, length, count), np.zeros(count)])
+
+
+def arc(radius, angle, count=60):
+    turn = np.linspace(-angle / 2, angle / 2, count)
+    return radius * np.column_stack([np.cos(turn), np.sin(turn)])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_line_is_given_back_wherever_it_lies(seed):
+    rng = np.random.default_rng(seed)
+    angle, length, shift = rng.uniform(-3, 3), rng.uniform(0.5, 5), rng.uniform(-1e3, 1e3, 2)
+    face = face_through(turned(run(length), angle, shift), np.arange(40))
+    assert face.length == pytest.approx(length)
+    np.testing.assert_allclose(np.abs(face.along @ [np.cos(angle), np.sin(angle)]), 1.0)
+    ends = np.sort(turned(np.array([[0.0, 0.0], [length, 0.0]]), angle, shift), axis=0)
+    np.testing.assert_allclose(np.sort(face.ends, axis=0), ends, atol=1e-9)
+    np.testing.assert_allclose(face.across @ face.along, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_two_sides_of_a_corner_are_two_faces_at_any_angle(seed):
+    rng = np.random.default_rng(seed)
+    angle, lengths = rng.uniform(-3, 3), rng.uniform(0.6, 4.0, 2)
+    sides = run(lengths[0], 80), turned(run(lengths[1], 81)[1:], np.pi / 2)
+    places = turned(np.concatenate(sides), angle, rng.uniform(-9, 9, 2)) + rng.normal(0.0, 0.005, (160, 2))
+    first, second = faces_of(places, 0.05, 0.5, 10)
+    assert abs(first.along @ second.along) < 0.1
+    np.testing.assert_allclose(sorted([first.length, second.length]), sorted(lengths), atol=0.15)
+    assert not set(first.members) & set(second.members)
+
+
+def test_a_gap_ends_a_run_and_few_points_are_none():
+    places = np.concatenate([run(1.0), turned(run(1.0), 0.0, (1.6, 0.0)), turned(run(0.1, 5), 0.0, (4.0, 0.0))])
+    assert sorted(len(face.members) for face in faces_of(places, 0.05, 0.5, 10)) == [40, 40]
+    assert [len(face.members) for face in faces_of(places[:80], 0.05, 0.7, 10)] == [80]
+    assert faces_of(places[:9], 0.05, 0.5, 10) == []
+    assert faces_of(np.zeros((0, 2)), 0.05, 0.5, 10) == []
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("angle", [1.3, np.pi, 2 * np.pi - 0.2])
+def test_a_circle_is_given_back_from_an_arc_of_it_with_noise_and_strays(seed, angle):
+    rng = np.random.default_rng(seed)
+    radius, center = rng.uniform(0.15, 0.65), rng.uniform(-1e3, 1e3, 2)
+    places = turned(arc(radius, angle), rng.uniform(-3, 3), center)
+    exact = circle_through(places, 0.02)
+    np.testing.assert_allclose(exact.center, center, atol=1e-6)
+    assert exact.radius == pytest.approx(radius, abs=1e-6)
+    assert exact.arc == pytest.approx(angle, abs=0.02)
+    assert exact.on.all()
+    stray = center + rng.uniform(-0.3, 0.3, (3, 2)) * radius
+    strayed = circle_through(np.concatenate([places, stray]), 0.02)
+    if angle > 3:  # of a small arc with strays one cannot tell
+        np.testing.assert_allclose(strayed.center, center, atol=0.03)
+        assert strayed.on[:60].mean() > 0.9
+
+
+def test_a_straight_line_is_no_circle():
+    circle = circle_through(run(1.0), 0.05)
+    assert circle is None or circle.on.mean() < 0.6  # it crosses one at best
+    assert circle_through(run(1.0)[:4], 0.05) is None
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_rectangle_is_given_back_by_its_corners(seed):
+    rng = np.random.default_rng(seed)
+    angle, edges, center = rng.uniform(-3, 3), rng.uniform(0.2, 3.0, 2), rng.uniform(-1e3, 1e3, 2)
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2 * edges
+    found, size = rectangle_along(turned(corners, angle, center), np.array([np.cos(angle), np.sin(angle)]))
+    np.testing.assert_allclose(found, center, atol=1e-9)
+    np.testing.assert_allclose(size, edges, atol=1e-9)
+
+
+def test_a_line_through_one_place_has_a_direction_all_the_same():
+    center, along = line_through(np.ones((5, 2)))
+    np.testing.assert_allclose(center, 1.0)
+    assert np.linalg.norm(along) == pytest.approx(1.0)

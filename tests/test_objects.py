@@ -1,0 +1,240 @@
+"""Walls and pillars of scanned rooms whose every object is known: found where they stand, and nothing else."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from jaxmm.box_match import match_boxes
+from jaxmm.boxes import Box
+from jaxmm.object_sight import Patch, Sight, crossings
+from jaxmm.object_walls import KnownSizes
+from jaxmm.objects import Judged, ObjectSettings, find_objects
+from warp_scanner.points import points_of
+from warp_scanner.scenes import BOX, CYLINDER, Tags, join, solids
+from warp_scanner.sense import cast
+from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose
+from warp_scanner.voxels import thin_clouds
+
+FLOOR, CEILING = 0.0, 3.0
+SENSOR = (0.0, 0.0, 1.4)  # looks along x; the room reaches from -5 to 5
+
+
+def slab(x, y, low, high, yaw=0.0, kind=BOX, element=1):
+    """A primitive as a table of one room: centre and full edges in plan, lowest and highest z."""
+    (cx, sx), (cy, sy) = x, y
+    center, half = [cx, cy, (low + high) / 2], [sx / 2, sy / 2, (high - low) / 2]
+    one = [np.full((1, 1), value, np.float32) for value in (*center, *half)]
+    return solids(np.ones((1, 1), bool), one[:3], one[3:], np.full((1, 1), np.radians(yaw)), Tags(kind, element, 3))
+
+
+SHELL = (
+    slab((0, 10), (0, 10), -0.1, 0.0, element=0), slab((0, 10), (0, 10), 3.0, 3.1, element=0),
+    slab((5.05, 0.1), (0, 10), 0, 3, element=0), slab((-5.05, 0.1), (0, 10), 0, 3, element=0),
+    slab((0, 10), (5.05, 0.1), 0, 3, element=0), slab((0, 10), (-5.05, 0.1), 0, 3, element=0),
+)  # fmt: skip
+
+
+def pillar(x, y, width, yaw=0.0, kind=BOX, high=CEILING):
+    return slab((x, width), (y, width), FLOOR, high, yaw, kind)
+
+
+def wall(x, y, length, thickness, yaw, high=CEILING):
+    return slab((x, length), (y, thickness), FLOOR, high, yaw)
+
+
+def judged(*changed, others=(), poses=((*SENSOR, 0.0),), noise=0.0):
+    """Scans of the room with changed things and others, the former with probability 0.95."""
+    scene = join(*SHELL, *changed, *(other._replace(element=np.full((1, 1), 2, np.int32)) for other in others))
+    points, element, scan = [], [], []
+    for number, (x, y, z, yaw) in enumerate(poses):
+        pose = Pose(np.array([[x, y, z]], np.float32), np.array([yaw], np.float32), np.zeros(1, np.float32))
+        seen = cast(scene, None, OAK_D_PRO_SMALL, pose)
+        rng = np.random.default_rng(number)
+        ranges = seen.distance + noise * rng.standard_normal(seen.distance.shape).astype(np.float32)
+        cloud = points_of(pose, OAK_D_PRO_SMALL.directions(), ranges)[0]
+        (kept,) = thin_clouds([cloud], 0.1)
+        points.append(cloud[kept]), element.append(seen.element[0, kept]), scan.append(np.full(len(kept), number))
+    points, new = np.concatenate(points), np.concatenate(element) == 1
+    sensors = np.array([pose[:3] for pose in poses])
+    probability = np.where(new, 0.95, 0.02)
+    apart = np.where(new, 1.0, 0.0)
+    return Judged(points, probability, probability, apart, sensors, FLOOR, CEILING, np.concatenate(scan))
+
+
+def only(found, object_type):
+    assert [one.box.object_type for one in found] == [object_type]
+    return found[0].box
+
+
+def plane_distance(box, truth):
+    """How far [m] the middle plane of a wall is off, and the angle [deg] between both."""
+    turn = np.radians(truth.rotation + (0.0 if truth.dimensions[0] > truth.dimensions[1] else 90.0))
+    off = abs((box.center - truth.center)[:2] @ [-np.sin(turn), np.cos(turn)])
+    long = box.rotation + (0.0 if box.dimensions[0] > box.dimensions[1] else 90.0)
+    between = (long - np.degrees(turn)) % 180.0
+    return off, min(between, 180.0 - between)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_pillar_has_its_centre_and_size_from_the_faces_that_show(seed):
+    rng = np.random.default_rng(seed)
+    x, y, width, yaw = rng.uniform(2.0, 4.0), rng.uniform(-1.0, 1.0), rng.uniform(0.35, 1.2), rng.uniform(20, 70)
+    kind = CYLINDER if seed % 2 else BOX
+    box = only(find_objects(judged(pillar(x, y, width, yaw, kind))), "pillar")
+    assert box.shape == ("round" if seed % 2 else "rectangular")
+    np.testing.assert_allclose(box.center, [x, y, 1.5], atol=0.08)
+    np.testing.assert_allclose(box.dimensions, [width, width, 3.0], atol=0.12)
+    if not seed % 2:
+        turn = (box.rotation - yaw) % 90.0
+        assert min(turn, 90.0 - turn) < 6.0
+    assert box.probability > 0.9
+
+
+def test_a_pillar_that_shows_one_face_is_taken_for_a_square_one_or_for_a_known_one():
+    seen = judged(pillar(3.0, 0.0, 0.8))
+    box = only(find_objects(seen), "pillar")
+    np.testing.assert_allclose(box.center[:2], [3.0, 0.0], atol=0.06)
+    flat = only(find_objects(seen, known=KnownSizes(columns=((0.8, 0.5, False),))), "pillar")
+    assert sorted(flat.dimensions[:2]) == pytest.approx([0.5, 0.8], abs=0.1)
+    assert flat.center[0] == pytest.approx(3.0 - 0.4 + 0.25, abs=0.06)  # its face stays where it is
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_wall_lies_behind_its_visible_face(seed):
+    rng = np.random.default_rng(seed)
+    yaw, length = rng.uniform(60, 120), rng.uniform(1.6, 3.0)
+    truth = Box("wall", np.array([rng.uniform(2.8, 3.5), rng.uniform(-0.3, 0.3), 1.5]), np.array([length, 0.2, 3]), yaw)
+    seen = judged(wall(*truth.center[:2], length, 0.2, yaw))
+    found = find_objects(seen, known=KnownSizes(walls=(0.1, 0.2, 0.2)))
+    box = only(found, "wall")
+    assert len(match_boxes([box], [truth])) == 1
+    off, turn = plane_distance(box, truth)
+    assert off < 0.02 and turn < 2.0
+    assert min(box.dimensions[:2]) == pytest.approx(0.2, abs=0.03)
+    assert max(box.dimensions[:2]) == pytest.approx(length, abs=0.15)
+
+
+def test_walls_that_meet_are_two_and_a_wall_behind_a_pillar_is_one():
+    corner = wall(3.5, 0.0, 3.0, 0.2, 90), wall(2.4, -1.0, 2.0, 0.2, 0)
+    found = find_objects(judged(*corner))
+    assert [one.box.object_type for one in found] == ["wall", "wall"]
+    assert not set(found[0].members) & set(found[1].members)
+    split = judged(wall(4.0, 0.0, 4.0, 0.2, 90), others=[pillar(2.0, 0.1, 0.5)])
+    box = only(find_objects(split), "wall")
+    assert max(box.dimensions[:2]) == pytest.approx(4.0, abs=0.2)
+
+
+def test_two_walls_in_line_with_a_door_between_them_stay_two():
+    found = find_objects(judged(wall(3.0, 1.3, 1.6, 0.2, 90), wall(3.0, -1.3, 1.6, 0.2, 90)))
+    assert [one.box.object_type for one in found] == ["wall", "wall"]
+
+
+def test_the_end_of_a_wall_is_not_a_pillar():
+    truth = Box("wall", np.array([3.0, 0.0, 1.5]), np.array([2.5, 0.2, 3.0]), 0.0)
+    box = only(find_objects(judged(wall(3.0, 0.0, 2.5, 0.2, 0))), "wall")
+    assert len(match_boxes([box], [truth])) == 1
+
+
+@pytest.mark.parametrize("high", [1.0, 1.8, 2.2])
+def test_what_ends_below_the_ceiling_is_furniture(high):
+    for thing in (pillar(3.0, 0.3, 0.6, 30, high=high), wall(3.0, 0.0, 2.0, 0.4, 90, high=high)):
+        assert find_objects(judged(thing)) == []
+    assert len(find_objects(judged(pillar(3.0, 0.3, 0.6, 30), pillar(3.0, -1.2, 0.6, 30, high=high)))) == 1
+
+
+def test_a_wall_scanned_from_both_sides_is_one_of_its_true_thickness():
+    poses = ((*SENSOR, 0.0), (4.6, 0.0, 1.4, 180.0))
+    truth = Box("wall", np.array([2.5, 0.0, 1.5]), np.array([2.0, 0.25, 3.0]), 90.0)
+    box = only(find_objects(judged(wall(2.5, 0.0, 2.0, 0.25, 90), poses=poses)), "wall")
+    assert plane_distance(box, truth)[0] < 0.03
+    assert min(box.dimensions[:2]) == pytest.approx(0.25, abs=0.04)
+
+
+def test_noise_of_two_centimetres_changes_little():
+    box = only(find_objects(judged(pillar(3.0, 0.3, 0.7, 40), noise=0.02)), "pillar")
+    np.testing.assert_allclose(box.center[:2], [3.0, 0.3], atol=0.1)
+
+
+def test_unchanged_rooms_and_empty_clouds_have_no_objects():
+    seen = judged(others=[pillar(3.0, 0.3, 0.7)])
+    assert find_objects(seen) == []
+    nothing = np.zeros(0)
+    assert find_objects(Judged(np.zeros((0, 3)), nothing, nothing, nothing, np.zeros((1, 3)), 0.0, 3.0)) == []
+
+
+def test_the_answer_is_the_same_in_any_order_of_points_and_moves_and_turns_with_the_room():
+    seen = judged(pillar(3.0, 1.0, 0.6, 25), wall(3.6, -0.8, 2.0, 0.2, 80))
+    plain = find_objects(seen)
+    order = np.random.default_rng(1).permutation(len(seen.points))
+    parts = {name: getattr(seen, name)[order] for name in ("points", "pillar", "wall", "apart", "scan")}
+    shuffled = find_objects(seen._replace(**parts))
+    assert [one.box.object_type for one in plain] == [one.box.object_type for one in shuffled] == ["wall", "pillar"]
+    for a, b in zip(plain, shuffled, strict=True):
+        np.testing.assert_allclose(a.box.center, b.box.center, atol=1e-6)
+        assert set(order[b.members]) == set(a.members)
+    angle, shift = np.radians(33.0), np.array([120.0, -70.0, 4.0])
+    turn = np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    moved = seen._replace(
+        points=seen.points @ turn + shift, sensor=seen.sensor @ turn + shift, floor=FLOOR + 4.0, ceiling=CEILING + 4.0
+    )
+    for a, b in zip(plain, find_objects(moved), strict=True):
+        np.testing.assert_allclose(a.box.center @ turn + shift, b.box.center, atol=0.06)
+        np.testing.assert_allclose(a.box.dimensions, b.box.dimensions, atol=0.1)
+
+
+def test_more_points_of_one_mind_make_an_object_surer_and_low_things_are_less_sure():
+    seen = judged(pillar(3.0, 0.3, 0.7, 40))
+    sure = only(find_objects(seen), "pillar").probability
+    doubtful = seen._replace(pillar=np.minimum(seen.pillar, 0.5), wall=np.minimum(seen.wall, 0.5))
+    assert only(find_objects(doubtful, ObjectSettings(least_probability=0.0)), "pillar").probability < sure
+    # What is seen of it below 1.5 m may be a cabinet in a robot scan, but not in a building model.
+    low = seen.points[:, 2] < 1.2
+    parts = {name: getattr(doubtful, name)[low] for name in ("points", "pillar", "wall", "apart", "scan")}
+    may_be, may_not = (
+        only(
+            find_objects(doubtful._replace(**parts, furniture=answer), ObjectSettings(least_probability=0.0)), "pillar"
+        )
+        for answer in (True, False)
+    )
+    assert may_be.probability < may_not.probability
+
+
+def test_rays_beyond_before_and_on_a_patch_are_told_apart():
+    points = np.array([[4.0, 0.0, 1.0], [2.0, 0.1, 1.0], [1.0, 0.0, 1.0], [4.0, 3.0, 1.0], [4.0, 0.0, 9.0], [-4, 0, 1]])
+    sight = Sight(points, np.tile([0.0, 0.0, 1.0], (6, 1)), 0.0, 3.0)
+    patch = Patch(np.array([2.0, -0.5]), np.array([2.0, 0.5]), 0.0, 3.0)
+    assert crossings(sight, patch, 0.05) == (1, 1, 1)
+    assert crossings(sight, patch._replace(low=1.5), 0.05).total == 0
+    assert crossings(sight, Patch(patch.start, patch.start, 0.0, 3.0), 0.05).total == 0
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"points": np.zeros((4, 2))}, r"points must be \(N, 3\), got \(4, 2\)"),
+        ({"points": np.full((4, 3), np.nan)}, "must be finite"),
+        ({"pillar": np.zeros(3)}, r"pillar must be \(4,\), got \(3,\)"),
+        ({"wall": np.full(4, 1.5)}, r"must lie in \[0, 1\]"),
+        ({"wall": np.full(4, np.nan)}, r"must lie in \[0, 1\]"),
+        ({"sensor": np.zeros(3)}, "sensor must be"),
+        ({"floor": 3.0}, "floor must lie below ceiling, got 3.0 and 3.0"),
+    ],
+)
+def test_bad_input_is_named(change, message):
+    good = Judged(np.zeros((4, 3)), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros((1, 3)), 0.0, 3.0)
+    with pytest.raises(ValueError, match=message):
+        find_objects(good._replace(**change))
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"threshold": 1.5}, r"threshold must lie in \[0, 1\]"),
+        ({"hidden_gap": -1.0}, "hidden_gap must not be negative"),
+        ({"link": 0.0}, "link and tolerance must be positive"),
+    ],
+)
+def test_bad_settings_are_named(change, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(ObjectSettings(), **change)
