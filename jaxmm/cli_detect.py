@@ -36,9 +36,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--prior-unit", type=float, default=1.0, metavar="METRES", help="of a mesh or cloud as prior")
     command.add_argument("--up", choices=("y", "z"), help="axis of a mesh as prior; default: told by how it fits")
     command.add_argument("--open-doors", action="store_true", help="leave the prior's doors out")
-    command.add_argument(
-        "--clear-glass", action="store_true", help="let rays pass the glass of the prior's windows"
-    )
+    command.add_argument("--clear-glass", action="store_true", help="let rays pass the glass of the prior's windows")
 
 
 # The imports below wait until they are needed: --help should not load JAX.
