@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxmm import pipeline, shards
+from jaxmm import heap, pipeline, shards
 from jaxmm.batches import LabelledCloud
 from jaxmm.config import CONDITIONS, SCENARIOS, SCENES, Config
 from jaxmm.sides import sides_of
@@ -24,7 +24,18 @@ def make_shard(config: Config, raw: bool, first: int, stop: int) -> bytes:
     Raises:
         RuntimeError: the settings leave no space for a scene.
     """
-    index = np.arange(first, stop)
+    # Before and between, so that a process which makes many shards needs no more than one that makes a single one.
+    heap.give_back()
+    arrays = _arrays(config, raw, np.arange(first, stop))
+    heap.give_back()
+    fields = shards.FIELDS | (shards.RAW_FIELDS if raw else {})
+    return shards.encode(
+        {name: arrays[name].astype(shards.DTYPES[field.dtype], copy=False) for name, field in fields.items()}
+    )
+
+
+def _arrays(config: Config, raw: bool, index: np.ndarray) -> Rows:
+    """The fields of the pairs of these numbers, not yet of the types that a shard holds."""
     places = shards.places(config.data, index)
     made: list[tuple[LabelledCloud, Rows]] = [None] * len(index)  # type: ignore[list-item]
     directions = np.zeros((0, 3), np.float32)
@@ -48,8 +59,7 @@ def make_shard(config: Config, raw: bool, first: int, stop: int) -> bytes:
     arrays = _joined([cloud for cloud, _ in made]) | _stacked([truth for _, truth in made]) | told
     if raw:
         arrays["directions"] = directions
-    fields = shards.FIELDS | (shards.RAW_FIELDS if raw else {})
-    return shards.encode({name: arrays[name].astype(shards.DTYPES[field.dtype]) for name, field in fields.items()})
+    return arrays
 
 
 def _truth(pairs, row: int) -> Rows:

@@ -7,6 +7,7 @@ import contextlib
 import shutil
 import sys
 import time
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -22,7 +23,7 @@ from jaxmm.shards import Entry, Manifest
 PAIRS_PER_SHARD = 256  # enough that rooms of one kind are many, and drawn together
 RAW_SHARD_BYTES = 64e6  # raw scans are large: fewer pairs a shard bound the memory of a worker
 POINT_BYTES, RAW_RAY_BYTES = 23 + 4 * len(FEATURES), 18  # of one point of a cloud, and of one ray of both raw scans
-SAMPLE = 64  # pairs that tell how large a pair is
+SAMPLE = 64  # pairs that tell how large a pair is, at most
 OWN_FILES = {".lock", runs.CONFIG, runs.VERSIONS, shards.MANIFEST, card.CARD, "shards"}
 MANIFEST_SHARE = 0.02  # of the time, at most, may go into rewriting the manifest
 
@@ -52,7 +53,7 @@ def generate(config: Config, folder: Path, request: Request) -> Manifest:
             raise InputError(f"--{name}: expected at least 1, got {value}")
     check_folder(folder, "--out")
     results = _engine(request)
-    _check_space(config, folder, request)
+    _check_space(config, folder, request, results)
     with runs.open_run(folder, config, threads_matter=False):  # every shard is the work of one thread
         manifest = _opened(config, folder, request)
         earlier = dict(manifest.shards)  # what repaired shards must turn out to be
@@ -162,7 +163,7 @@ def _pairs_per_shard(config: Config, raw: bool) -> int:
     return max(1, min(PAIRS_PER_SHARD, int(RAW_SHARD_BYTES // (pixels * RAW_RAY_BYTES)))) if raw else PAIRS_PER_SHARD
 
 
-def _check_space(config: Config, folder: Path, request: Request) -> None:
+def _check_space(config: Config, folder: Path, request: Request, results: Callable[..., Iterator[tuple]]) -> None:
     """Refuse what the disk cannot hold; the size of a pair is measured when its upper bound does not settle it."""
     existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     free = shutil.disk_usage(existing).free
@@ -173,7 +174,10 @@ def _check_space(config: Config, folder: Path, request: Request) -> None:
     pixels = simulator.ray_count(config)
     if missing * pixels * (POINT_BYTES + request.raw * RAW_RAY_BYTES) <= free / 2:
         return
-    need = missing * len(dataset.make_shard(config, request.raw, 0, SAMPLE)) / SAMPLE
+    # No larger than a shard, and made by the engine, so that the memory this takes is that of a worker.
+    make, few = partial(dataset.make_shard, config, request.raw), min(SAMPLE, _pairs_per_shard(config, request.raw))
+    ((_, sample),) = results(make, [(0, few)], request.workers)
+    need = missing * len(sample) / few
     if need > free:
         sizes = f"about {need / 1e9:.3g} GB, and {existing} has {free / 1e9:.3g} GB free"
         raise InputError(f"--count: {request.count} pairs need {sizes}")

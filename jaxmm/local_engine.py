@@ -1,7 +1,8 @@
 """Runs a pure function over many tasks on the cores of this machine: one process a core, one task each at a time.
 
 Processes, because preprocessing is NumPy and holds the interpreter lock; spawned, because threads of JAX do not survive
-a fork. A process that loses its parent ends with its task; the parent ends its processes with itself.
+a fork. A process that loses its parent ends with its task; the parent ends its processes with itself. Between tasks a
+process keeps nothing of those before, so that however many it does, its peak is that of the largest.
 """
 
 import itertools
@@ -13,6 +14,8 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
+from jaxmm import heap
+
 Task = tuple[int, ...]
 
 
@@ -22,7 +25,8 @@ def results(function: Callable[..., Any], tasks: Iterable[Task], workers: int | 
     Args:
         function: picklable, and found by its import path.
         tasks: taken one by one as workers become free, so there may be any number of them.
-        workers: processes, by default one a core this process may use; with one, the work is done in this process.
+        workers: processes, by default one a core this process may use; with one, the work is done in this process,
+            whose threads share one heap from then on.
 
     Raises:
         RuntimeError: a process was killed, for want of memory perhaps.
@@ -30,6 +34,7 @@ def results(function: Callable[..., Any], tasks: Iterable[Task], workers: int | 
     """
     workers = workers or len(os.sched_getaffinity(0))
     if workers == 1:
+        heap.share()
         yield from ((task, function(*task)) for task in tasks)
         return
     waiting, processes = iter(tasks), {}
@@ -73,19 +78,23 @@ def _start(function: Callable[..., Any]) -> tuple[Connection, multiprocessing.Pr
 
 
 def _serve(connection: Connection, function: Callable[..., Any]) -> None:
+    heap.share()
     while True:
         try:
             task = connection.recv()
         except EOFError:
             return
         try:
-            reply = task, function(*task), None
-        except Exception as error:
-            reply = task, None, error
-        try:
-            connection.send(reply)
+            connection.send(_reply(function, task))  # and no name for it, which would keep it during the next task
         except BrokenPipeError:  # the parent was killed
             return
+
+
+def _reply(function: Callable[..., Any], task: Task) -> tuple[Task, Any, Exception | None]:
+    try:
+        return task, function(*task), None
+    except Exception as error:
+        return task, None, error
 
 
 def _received(connection: Connection, process: multiprocessing.Process) -> tuple[Task, Any]:

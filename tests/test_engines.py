@@ -1,17 +1,19 @@
 """The engines: every task once, few under way at once, nothing outlives its parent, and one line for what is wrong."""
 
 import os
+import platform
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-from jaxmm import dataset, generate, local_engine, ray_engine
+from jaxmm import dataset, generate, heap, local_engine, ray_engine
 from jaxmm.config import load
 from jaxmm.generate import Request
 from jaxmm.inputs import InputError
@@ -67,6 +69,48 @@ def test_a_lost_worker_and_an_error_of_its_own_end_the_work():
         list(local_engine.results(die, ((number,) for number in range(9)), 2))
     with pytest.raises(InputError, match="room 0 is on fire"):
         list(local_engine.results(fail, [(0,)], 2))
+
+
+def memory(name):
+    """A number of /proc/self/status [MB]."""
+    return int(Path("/proc/self/status").read_text().partition(f"{name}:")[2].split()[0]) / 1024
+
+
+kept = []
+
+
+def crowd(threads):
+    """How much the address space [MB] grows by threads that allocate side by side."""
+    before, together = memory("VmSize"), threading.Barrier(threads)
+
+    def allocate():
+        pieces = [bytes(4000) for _ in range(100)]
+        together.wait()
+        return pieces
+
+    started = [threading.Thread(target=allocate) for _ in range(threads)]
+    for step in ("start", "join"):
+        for thread in started:
+            getattr(thread, step)()
+    return memory("VmSize") - before
+
+
+def burden(megabytes):
+    """Memory [MB] at the start of a task that leaves a hole in the heap, growth by its threads, and a large result."""
+    heap.give_back()
+    before = memory("VmRSS")
+    pieces = [bytes(4000) for _ in range(megabytes * 250)]
+    kept.append(pieces[-1])  # at the heap's end, so that what is free lies below
+    return before, crowd(8), b"1" * (megabytes << 20)
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="tunes the heap of glibc")
+def test_a_worker_keeps_nothing_of_the_tasks_before():
+    found = [result for _, result in local_engine.results(burden, [(50,)] * 6, 2)]
+    sizes = [size for size, _, _ in found]
+    assert max(sizes) < min(sizes) + 15, sizes
+    # A heap of its own reserves 64 MB of addresses for each thread; of a thread that ended, its stack of 8 MB may stay.
+    assert all(growth < 8 * 64 / 2 for _, growth, _ in found)
 
 
 ORPHANS = """

@@ -183,7 +183,7 @@ def test_bad_counts_are_refused_before_anything_is_written(config, tmp_path, ref
         refused(["generate", config, "--out", out, "--count", count], "--count", f"at least 1, got {count}")
     refused(["generate", config, "--out", out, "--count", COUNT, "--workers", 0], "--workers", "got 0")
     for count in (10**12, 10**24):
-        refused(["generate", config, "--out", out, "--count", count], "--count", count, "GB free")
+        refused(["generate", config, "--out", out, "--count", count, "--workers", 1], "--count", count, "GB free")
     assert not list(tmp_path.iterdir())
 
 
@@ -194,8 +194,17 @@ def test_the_space_that_is_asked_for_is_what_a_pair_takes(config, expected, tmp_
         usage = type("Usage", (), {"free": int(COUNT * size * share)})
         monkeypatch.setattr(generate.shutil, "disk_usage", lambda path: usage)
 
+    results, asked = local_engine.results, []
+
+    def noted(function, tasks, workers):
+        asked.append(tasks)
+        return results(function, tasks, workers)
+
     with_free(0.6)
-    refused(["generate", config, "--out", tmp_path / "out", "--count", COUNT], "--count", "GB free")
+    with monkeypatch.context() as patch:
+        patch.setattr(local_engine, "results", noted)  # this process makes no pairs but as the engine's
+        refused(["generate", config, "--out", tmp_path / "out", "--count", COUNT, "--workers", 1], "--count", "GB free")
+    assert asked == [[(0, SIZE)]] and generate.SAMPLE > SIZE
     with_free(1.6)
     assert cli.main(["generate", str(config), "--out", str(tmp_path / "out"), "--count", "26", "--workers", "1"]) == 0
     with_free(0.1)  # and what is there needs no more room

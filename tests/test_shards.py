@@ -1,7 +1,9 @@
 """The shard format: every pair number has its place, bytes are a pure function of it, and damage is found and named."""
 
 import json
+import platform
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -150,6 +152,20 @@ def test_a_pair_does_not_depend_on_the_others_of_its_shard(cut, mapped, tmp_path
         elif name != "directions":
             whole = whole[start:] if field.shape[0] == "P" else whole[cut:]
         np.testing.assert_array_equal(part[name], whole, err_msg=name)
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="tunes the heap of glibc")
+def test_a_shard_leaves_no_hole_in_the_heap(raw_shard):
+    def memory():
+        return int(Path("/proc/self/status").read_text().partition("VmRSS:")[2].split()[0]) / 1024
+
+    before = memory()
+    pieces = [bytes(4000) for _ in range(50_000)]
+    last = pieces[-1]  # at the heap's end, so that what is free lies below
+    del pieces
+    assert memory() > before + 100  # 200 MB, but for what fits into other holes
+    dataset.make_shard(CONFIG, False, 0, 8)
+    assert memory() < before + 50 and last is not None
 
 
 def test_a_shard_without_raw_scans_has_the_same_clouds(raw_shard):

@@ -226,7 +226,8 @@ def _unit_scale(model: Any, path: Path | str) -> float:
     scale = _metres(unit, Path(path))
     if not 0.0 < scale < np.inf:
         name = _prefix_and_name(unit, Path(path)) if unit.is_a("IfcSIUnit") else getattr(unit, "Name", None)
-        raise ValueError(f"{path}: the length unit {unit.is_a()} {name or 'without a name'} is unknown")
+        shown = " ".join(str(name or "without a name").split())[:60]  # what is damaged may go on over many lines
+        raise ValueError(f"{path}: the length unit {unit.is_a()} {shown} is unknown")
     return scale
 
 
