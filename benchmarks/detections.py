@@ -1,6 +1,7 @@
 """What `detect` finds in held-out rooms, from scan to mismatches and verdicts, with either preset.
 
-    python -m benchmarks.detections --out runs/detections [--rooms 200] [--only wall_removed ...] [--model RUN|FILE]
+    python -m benchmarks.detections --out runs/detections [--rooms 200] [--kind varied|thesis]
+        [--only wall_removed ...] [--model RUN|FILE]
 
 Every room is one scan of 320 x 200 with furniture and one without, against its own building model. For each kind of
 scene and condition a JSON file with what was found in every room; what is there is not made again. Prints Markdown:
@@ -30,7 +31,7 @@ from jaxmm.report import Detection, box_of
 from jaxmm.room_scans import RoomCase, room_cases, true_boxes
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, VerdictSettings
 from jaxmm.weights import DEFAULT
-from warp_scanner.pairs import Pairs
+from warp_scanner.pairs import PRESETS, Pairs
 
 TEST_SEED = 3  # of configs/weights.toml: neither training nor any choice has seen its rooms
 SCENES = (*SCENARIOS, UNCHANGED, *MULTI_SCENARIOS)
@@ -39,10 +40,10 @@ AT_ONCE = 20  # rooms
 FEWER = {UNCHANGED: 2.5} | dict.fromkeys(MULTI_SCENARIOS, 0.5)  # of the rooms of a single change
 
 
-def main(out: Path, rooms: int, only: list[str], model: Path, seed: int) -> None:
+def main(out: Path, rooms: int, only: list[str], source: tuple[Path, int, str]) -> None:
     out.mkdir(parents=True, exist_ok=True)
     parts = [
-        (scene, condition, start, min(AT_ONCE, count - start), model, seed, out)
+        (scene, condition, start, min(AT_ONCE, count - start), source, out)
         for scene, condition in itertools.product(only or SCENES, CONDITIONS)
         for count in [round(rooms * FEWER.get(scene, 1.0) / (2 if scene == UNCHANGED else 1))]
         for start in range(0, count, AT_ONCE)
@@ -54,11 +55,11 @@ def main(out: Path, rooms: int, only: list[str], model: Path, seed: int) -> None
 
 
 def _part(task: tuple) -> str:
-    scene, condition, start, count, model, seed, out = task
+    scene, condition, start, count, (model, seed, kind), out = task
     path = out / f"{scene}_{condition}_{start}.json"
     if not path.exists():
-        judges = read_judges(model)
-        found = [_room(judges, case) for case in room_cases(scene, condition, seed, range(start, start + count))]
+        judges, numbers = read_judges(model), range(start, start + count)
+        found = [_room(judges, case) for case in room_cases(scene, condition, seed, numbers, preset=kind)]
         write_json(path, found)
     return f"{scene} {condition}: rooms {start} to {start + count - 1}"
 
@@ -209,5 +210,6 @@ if __name__ == "__main__":
     parser.add_argument("--only", nargs="+", choices=SCENES, default=[], metavar="SCENE")
     parser.add_argument("--model", type=Path, default=DEFAULT, metavar="RUN|FILE")
     parser.add_argument("--seed", type=int, default=TEST_SEED, metavar="N")
+    parser.add_argument("--kind", choices=sorted(PRESETS), default="varied", help="of rooms")
     asked = parser.parse_args()
-    main(asked.out, asked.rooms, asked.only, asked.model, asked.seed)
+    main(asked.out, asked.rooms, asked.only, (asked.model, asked.seed, asked.kind))

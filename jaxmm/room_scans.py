@@ -31,17 +31,17 @@ class RoomCase(NamedTuple):
 
 
 def room_cases(scene: str, condition: str, seed: int, rooms: range, **changed: Any) -> Iterator[RoomCase]:
-    """Rooms of the preset `varied`, scanned by a camera of 320 x 200.
+    """Rooms, scanned by a camera of 320 x 200.
 
     Args:
         scene: what changes, see scenarios.SceneConfig.
         condition: "clean" or "occluded".
         seed: of the rooms.
         rooms: their numbers.
-        changed: other fields of a PairConfig.
+        changed: fields of a PairConfig, and `preset`: which of PRESETS has the others, by default "varied".
     """
     given = {"sensor": OAK_D_PRO_SMALL} | changed
-    settings = dataclasses.replace(PRESETS["varied"], scenario=scene, condition=condition, seed=seed, **given)
+    settings = dataclasses.replace(PRESETS[given.pop("preset", "varied")], scenario=scene, condition=condition, seed=seed, **given)
     pairs = make_pairs(settings, np.asarray(rooms))
     points = points_of(pairs.pose, pairs.directions, pairs.robot.distance)
     turned = rotation_of(pairs.pose.yaw, pairs.pose.pitch).astype(np.float64)
