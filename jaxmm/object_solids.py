@@ -47,11 +47,10 @@ def solids_of(
         else:
             loose.append(piece)
     # A short end may come before its wall, where it has more points.
-    for piece in loose[:]:
-        parts = next((others for wall, others in walls if _is_side(wall, piece, settings)), None)
-        if parts is not None:
-            parts.append(piece)
-            loose.remove(piece)
+    waiting, loose = loose, []
+    for piece in waiting:
+        parts = next((others for wall, others in walls if _is_side(wall, piece, settings)), loose)
+        parts.append(piece)
     solids += [wall_behind(sight, wall, others, settings, known.walls) for wall, others in walls]
     small = [_small(sight, group, score, settings, known) for group in _grouped(loose, settings)]
     return _without_splinters(sight, solids + [solid for solid in small if solid is not None], settings)

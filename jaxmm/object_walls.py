@@ -65,7 +65,10 @@ def wall_behind(
     depth = -(offset @ wall.toward)
     # A single column of points on a slanting end may be anywhere on it.
     measured = any(piece.face.length >= settings.tolerance for piece in others)
-    thickness = _thickness(float(depth.max()) if measured else 0.0, settings, known)
+    seen = float(depth.max()) if measured else 0.0
+    thickness = (
+        _fitting(seen, settings, known) if seen >= settings.least_thickness else _unseen(sight, wall, settings, known)
+    )
     # A pillar before the wall, say, is none of its length.
     place = (offset @ face.along)[np.abs(depth) <= settings.most_thickness]
     low, high = float(place.min()), float(place.max())
@@ -112,12 +115,28 @@ def seen_thin(sight: Sight, piece: Piece, settings: WallSettings) -> bool:
     return False
 
 
-def _thickness(seen: float, settings: WallSettings, known: tuple[float, ...]) -> float:
-    """What is seen of a thickness [m], or the known one that it fits; the middle one of those where nothing is."""
-    if seen < settings.least_thickness:
-        return sorted(known)[len(known) // 2] if known else settings.thickness
+def _fitting(seen: float, settings: WallSettings, known: tuple[float, ...]) -> float:
+    """What is seen of a thickness [m], or the known one that it fits."""
     near = min(known, key=lambda one: abs(one - seen), default=seen)
     return near if abs(near - seen) <= settings.fits else seen
+
+
+def _unseen(sight: Sight, wall: Piece, settings: WallSettings, known: tuple[float, ...]) -> float:
+    """A thickness [m] of which nothing is seen: the middle one of the known, thinner if one looks through it."""
+    usual = sorted(known)[len(known) // 2] if known else settings.thickness
+    thinner = {one for one in known if settings.least_thickness < one < usual}
+    for thickness in sorted(thinner | {usual}, reverse=True):
+        if not any(_looked_through(sight, wall, end, thickness, settings) for end in wall.face.ends):
+            return thickness
+    return min(usual, settings.least_thickness)
+
+
+def _looked_through(sight: Sight, wall: Piece, end: np.ndarray, thickness: float, settings: WallSettings) -> bool:
+    """Whether rays pass at one end of a face where the back of a wall so thick would be."""
+    inner = wall.face.center + 0.9 * (end - wall.face.center)  # rays past the very end tell nothing
+    near, far = inner - wall.toward * thickness / 2, inner - wall.toward * thickness
+    patch = Patch(near, far, sight.floor + settings.rim, sight.ceiling - settings.rim)
+    return crossings(sight, patch, settings.tolerance).free > settings.free
 
 
 def _made_up(length: float, hidden: list[float], settings: WallSettings) -> tuple[float, float]:

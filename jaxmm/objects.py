@@ -107,14 +107,17 @@ def log_odds_of_object(probability: np.ndarray) -> float:
 def log_odds_of_low_object(sight: Sight, solid: Solid, probability: np.ndarray, apart: np.ndarray) -> float:
     """The same of an object of which nothing is seen above the height of furniture, so that it may be some.
 
-    Furniture stands against walls, is longer than deep, and seldom round.
+    Furniture stands against walls, is wide and longer than deep, and where it is round, a leg.
     """
     members, edges = solid.members, np.maximum(solid.edges, 0.05)
-    top = float(sight.points[members, 2].max() - sight.floor)
-    longer = np.log(edges.max() / edges.min()) if solid.object_type == "pillar" else 0.0
-    of_points = 0.6 * _mean_logit(probability[members]) + 1.2 * np.log(len(members))
-    of_place = 3.1 * np.clip(np.median(apart[members]), 0.0, 1.0) + 1.4 * top
-    return float(of_points + of_place - 2.7 * longer + 1.7 * (solid.shape == "round") - 9.6)
+    is_round, is_block = solid.shape == "round", solid.object_type == "pillar" and solid.shape != "round"
+    longer = np.log(edges.max() / edges.min()) if is_block else 0.0
+    wider = np.log(edges.min() / 0.5) if is_block else 0.0
+    thinner = min(np.log(edges.min() / 0.3), 0.0) if is_round else 0.0
+    of_points = 0.7 * _mean_logit(probability[members]) + 1.25 * np.log(len(members))
+    of_place = 6.0 * np.clip(np.median(apart[members]), 0.0, 1.0)
+    of_shape = 1.9 * is_round + 8.0 * thinner - 4.8 * longer - 2.6 * wider
+    return float(of_points + of_place + of_shape - 9.1)
 
 
 def _mean_logit(probability: np.ndarray) -> float:

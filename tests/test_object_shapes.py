@@ -71,6 +71,12 @@ def test_a_circle_is_given_back_from_an_arc_of_it_with_noise_and_strays(seed, an
         assert strayed.on[:60].mean() > 0.9
 
 
+def test_the_radius_is_right_on_average_where_a_third_of_the_circle_shows_with_noise():
+    rng = np.random.default_rng(0)
+    noisy = [circle_through(arc(0.4, 2.1, 80) + rng.normal(0.0, 0.02, (80, 2)), 0.06).radius for _ in range(200)]
+    assert np.mean(noisy) == pytest.approx(0.4, rel=0.02)  # the algebraic circle alone is too small
+
+
 def test_a_straight_line_is_no_circle():
     circle = circle_through(run(1.0), 0.05)
     assert circle is None or circle.on.mean() < 0.6  # it crosses one at best

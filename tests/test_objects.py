@@ -7,9 +7,12 @@ import pytest
 
 from jaxmm.box_match import match_boxes
 from jaxmm.boxes import Box
+from jaxmm.object_pieces import Piece
+from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Patch, Sight, crossings
-from jaxmm.object_walls import KnownSizes
-from jaxmm.objects import Judged, ObjectSettings, find_objects
+from jaxmm.object_solids import SolidSettings, solids_of
+from jaxmm.object_walls import KnownSizes, Solid
+from jaxmm.objects import Judged, ObjectSettings, find_objects, log_odds_of_low_object
 from warp_scanner.points import points_of
 from warp_scanner.scenes import BOX, CYLINDER, Tags, join, solids
 from warp_scanner.sense import cast
@@ -163,7 +166,8 @@ def test_unchanged_rooms_and_empty_clouds_have_no_objects():
     assert find_objects(Judged(np.zeros((0, 3)), nothing, nothing, nothing, np.zeros((1, 3)), 0.0, 3.0)) == []
 
 
-def test_the_answer_is_the_same_in_any_order_of_points_and_moves_and_turns_with_the_room():
+@pytest.mark.parametrize("degrees", [33, 124, 215, 301])
+def test_the_answer_is_the_same_in_any_order_of_points_and_moves_and_turns_with_the_room(degrees):
     seen = judged(pillar(3.0, 1.0, 0.6, 25), wall(3.6, -0.8, 2.0, 0.2, 80))
     plain = find_objects(seen)
     order = np.random.default_rng(1).permutation(len(seen.points))
@@ -173,7 +177,7 @@ def test_the_answer_is_the_same_in_any_order_of_points_and_moves_and_turns_with_
     for a, b in zip(plain, shuffled, strict=True):
         np.testing.assert_allclose(a.box.center, b.box.center, atol=1e-6)
         assert set(order[b.members]) == set(a.members)
-    angle, shift = np.radians(33.0), np.array([120.0, -70.0, 4.0])
+    angle, shift = np.radians(degrees), np.array([120.0, -70.0, 4.0])
     turn = np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     moved = seen._replace(
         points=seen.points @ turn + shift, sensor=seen.sensor @ turn + shift, floor=FLOOR + 4.0, ceiling=CEILING + 4.0
@@ -188,9 +192,10 @@ def test_more_points_of_one_mind_make_an_object_surer_and_low_things_are_less_su
     sure = only(find_objects(seen), "pillar").probability
     doubtful = seen._replace(pillar=np.minimum(seen.pillar, 0.5), wall=np.minimum(seen.wall, 0.5))
     assert only(find_objects(doubtful, ObjectSettings(least_probability=0.0)), "pillar").probability < sure
-    # What is seen of it below 1.5 m may be a cabinet in a robot scan, but not in a building model.
+    # What is seen of it below 1.5 m, near a wall, may be a cabinet in a robot scan, but not in a building model.
     low = seen.points[:, 2] < 1.2
-    parts = {name: getattr(doubtful, name)[low] for name in ("points", "pillar", "wall", "apart", "scan")}
+    parts = {name: getattr(doubtful, name)[low] for name in ("points", "pillar", "wall", "scan")}
+    parts["apart"] = np.minimum(doubtful.apart[low], 0.2)
     may_be, may_not = (
         only(
             find_objects(doubtful._replace(**parts, furniture=answer), ObjectSettings(least_probability=0.0)), "pillar"
@@ -198,6 +203,46 @@ def test_more_points_of_one_mind_make_an_object_surer_and_low_things_are_less_su
         for answer in (True, False)
     )
     assert may_be.probability < may_not.probability
+
+
+def test_an_end_of_a_wall_that_has_more_points_than_the_wall_belongs_to_it():
+    rng = np.random.default_rng(0)
+
+    def piece(start, end, count, first):
+        members = np.arange(first, first + count)
+        points[members, :2] = np.linspace(start, end, count)
+        points[members, 2] = rng.uniform(0.2, 2.8, count)
+        return Piece(members, face_through(points[:, :2], members), None, 0, SENSOR)
+
+    points = np.zeros((100, 3))
+    pillar_face = piece([3.0, -2.0], [3.0, -1.6], 40, 0)
+    end, face = piece([2.0, 1.0], [2.2, 1.0], 35, 40), piece([2.0, 1.0], [2.0, 3.0], 25, 75)
+    sight = Sight(points, np.tile(SENSOR, (100, 1)), FLOOR, CEILING)
+    scores = np.full(100, 0.9), np.full(100, 0.9)
+    found = solids_of(sight, [pillar_face, end, face], scores, SolidSettings(), KnownSizes())
+    (solid,) = [one for one in found if one.object_type == "wall" and 45 in one.members]
+    assert set(solid.members) == set(range(40, 100)) and solid.edges[1] == pytest.approx(0.2, abs=0.02)
+
+
+def test_a_wall_whose_thickness_does_not_show_is_no_thicker_than_one_looks_past_it():
+    """Its end is a single column of points, which tells no thickness, but rays pass close behind it."""
+    known = KnownSizes(walls=(0.1, 0.3, 0.3))
+    for real, least, most in ((0.09, 0.0, 0.12), (0.3, 0.25, 0.35)):
+        box = only(find_objects(judged(wall(3.0, 0.5, 2.0, real, 40)), known=known), "wall")
+        assert least <= min(box.dimensions[:2]) <= most
+
+
+def test_a_low_thing_is_surer_far_from_walls_and_less_sure_when_it_is_long_and_shallow():
+    points = np.column_stack([np.zeros((50, 2)), np.linspace(0.0, 1.5, 50)])
+    sight, members = Sight(points, points, 0.0, 3.0), np.arange(50)
+
+    def odds(edges, apart, shape="rectangular"):
+        solid = Solid("pillar", shape, np.zeros(2), np.array(edges), np.array([1.0, 0.0]), members)
+        return log_odds_of_low_object(sight, solid, np.full(50, 0.7), np.full(50, apart))
+
+    square = odds([0.5, 0.5], 0.5)
+    assert odds([1.2, 0.5], 0.5) < square < odds([0.5, 0.5], 0.8)
+    assert square < odds([0.5, 0.5], 0.5, "round")
 
 
 def test_rays_beyond_before_and_on_a_patch_are_told_apart():
