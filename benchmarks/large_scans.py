@@ -1,0 +1,97 @@
+"""How much memory and time a large scan takes, in every format, and a whole detection with it.
+
+    python -m benchmarks.large_scans [--points 50000000] [--formats ply laz ...] [--json FILE]      half an hour
+
+A generated room is scanned from one place in random directions with 3 mm of noise, and written block by block in one
+format at a time. A process of its own reads the file as `jaxmm detect` does, and tells its peak of resident memory; for
+the first format another one runs the whole command against the room's IFC file. A file takes up to 2 GB of the disk,
+and none outlives its turn. The exit code is 1 where anything took more than the limit.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.scan_writers import FORMATS, Blocks
+from benchmarks.timing import write_report
+from warp_scanner.ifc_rooms import write_room
+from warp_scanner.pairs import PairConfig
+from warp_scanner.scan import Rays, cast_rays
+from warp_scanner.scenarios import Scenes, make_scenes
+from warp_scanner.scenes import GAP
+
+LIMIT = 8.0  # [GiB] of memory
+NOISE = 0.003  # [m] of the ranges
+SEED = 2  # of room and noise
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser.add_argument("--points", type=int, default=50_000_000, help="points of the scan")
+    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=list(FORMATS), help="which, in this order")
+    parser.add_argument("--folder", type=Path, help="where the files are put while they are needed")
+    options = parser.parse_args()
+    scenes = make_scenes(PairConfig(scenario="pillar_added", condition="occluded").scene, SEED, np.array([0]))
+    rows = []
+    for number, name in enumerate(options.formats):
+        with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+            path = Path(folder) / f"scan.{FORMATS[name].suffix}"
+            FORMATS[name].write(path, Blocks(options.points, lambda part, count: scanned(scenes, part, count)))
+            jobs = {"read": ["read", path]}
+            if number == 0:
+                jobs["detect"] = detection(scenes, path)
+            rows += [measured(f"{job} {name}", path, arguments) for job, arguments in jobs.items()]
+    if options.json:
+        write_report(options.json, rows, "numpy", "pye57", "laspy", "lazrs", "pypcd4")
+    return int(any(row["ours"] > LIMIT for row in rows))
+
+
+def detection(scenes: Scenes, scan: Path) -> list:
+    """Arguments of the job: the room as an IFC file beside the scan, and the scanner's pose."""
+    prior, pose = scan.with_name("room.ifc"), scenes.pose
+    write_room(prior, scenes.primitives._replace(kind=np.where(scenes.in_prior, scenes.primitives.kind, GAP)), 0)
+    place = ",".join(f"{value:.6f}" for value in (*pose.position[0], 0.0))
+    return ["detect", prior, scan, f"--pose={place}", "--out", scan.with_name("found")]
+
+
+def measured(case: str, path: Path, arguments: list) -> dict:
+    """What a process of its own tells of its work with a file.
+
+    Raises:
+        SystemExit: it failed, in its own words.
+    """
+    command = [sys.executable, "-m", "benchmarks.peak", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f"{case}: {done.stderr.strip() or f'ended with {done.returncode}'}")
+    kilobytes, seconds, count = done.stdout.splitlines()[-1].split()
+    peak, size = int(kilobytes) / 2**20, path.stat().st_size / 1e9
+    print(f"{case}: {int(count):,} points, {size:.2f} GB on disk, {peak:.2f} GiB, {float(seconds):.0f} s", flush=True)
+    return {
+        "case": case, "ours": round(peak, 2), "peer": LIMIT, "peer_name": "limit", "unit": "GiB",
+        "ratio": round(LIMIT / peak, 2), "seconds": round(float(seconds), 1), "points": int(count),
+        "file_gb": round(size, 2),
+    }  # fmt: skip
+
+
+def scanned(scenes: Scenes, part: int, count: int) -> np.ndarray:
+    """Points (count, 3) float64 [m] of one part of the scan; the same part has the same points."""
+    rng, found = np.random.default_rng([SEED, part]), np.zeros((0, 3))
+    origin = scenes.pose.position[:1].astype(np.float64)
+    while len(found) < count:  # a ray through a window hits nothing
+        direction = rng.normal(size=(count, 3))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        rays = Rays(origin.astype(np.float32), direction.astype(np.float32))
+        distance = cast_rays(scenes.primitives, scenes.in_real, rays).distance[0] + rng.normal(0.0, NOISE, count)
+        hit = np.isfinite(distance)
+        found = np.concatenate([found, origin + distance[hit, None] * direction[hit]])
+    return found[:count]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

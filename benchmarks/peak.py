@@ -1,0 +1,42 @@
+"""One job in a process of its own, which tells its peak of memory [kB], its time [s] and the points it had.
+
+    python -m benchmarks.peak read scan.ply
+    python -m benchmarks.peak detect room.ifc scan.ply --pose 1,2,1.3,0 --out found
+
+It imports what the command line imports, and nothing else, so the peak is that of `jaxmm` itself. getrusage would begin
+with what the process held that started this one.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+
+def main() -> int:
+    start = time.perf_counter()
+    job, *arguments = sys.argv[1:]
+    code, count = {"read": read, "detect": detect}[job](arguments)
+    status = Path("/proc/self/status").read_text()
+    print(status.partition("VmHWM:")[2].split()[0], time.perf_counter() - start, count)
+    return code
+
+
+def read(arguments: list[str]) -> tuple[int, int]:
+    """Exit code and points of the scans in a file."""
+    from jaxmm.scan_files import read_scans
+
+    return 0, sum(len(scan.points) for scan in read_scans(Path(arguments[0])))
+
+
+def detect(arguments: list[str]) -> tuple[int, int]:
+    """Exit code of the command, and the points that its report counts."""
+    from jaxmm import cli
+    from jaxmm.files import load_json
+
+    code = cli.main(["detect", *arguments])
+    out = Path(arguments[arguments.index("--out") + 1])
+    return code, 0 if code else sum(scan["points"] for scan in load_json(out / "report.json")["scans"])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
