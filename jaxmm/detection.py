@@ -15,11 +15,11 @@ from jaxmm.inputs import InputError
 from jaxmm.judging import Judges, Side, judge
 from jaxmm.mismatches import Looked, mismatches_of
 from jaxmm.next_view import Stage, next_views
-from jaxmm.placement import Placed, place
+from jaxmm.placement import OF_CLOUDS, Placed, place
 from jaxmm.priors import Prior
 from jaxmm.report import Detection, Drawing, ElementVerdict, Pose, ScanRecord
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
-from jaxmm.verdicts import OCCLUDED, VERDICTS, Told, Verdict, told_of, verdicts_of
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, VERDICTS, Told, Verdict, told_of, verdicts_of
 from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
 from warp_scanner.sensors import Pinhole
 
@@ -72,14 +72,25 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     residuals = [one.residual for one in placed]
     fits = [one.registration for one in records]
     registration = {"refined": settings.refine, "residual": max(residuals), "scans": fits}
-    return Detection(mismatches, elements, records, registration, settings.as_json(), timing, prior.notes, drawing)
+    notes = (*prior.notes, *_doubts(elements))
+    return Detection(mismatches, elements, records, registration, settings.as_json(), timing, notes, drawing)
+
+
+def _doubts(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
+    """What speaks against all that was found."""
+    count = {verdict: sum(one.verdict == verdict for one in elements) for verdict in VERDICTS}
+    if count[PRESENT] or not count[REMOVED]:
+        return ()
+    gone = "1 is" if count[REMOVED] == 1 else f"{count[REMOVED]} are"
+    return (f"{gone} told to be removed, and nothing to be present: is the scan of this building, and in this place?",)
 
 
 def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
     try:
         rays = rays_of_scan(one.scan)
         shown = surfaces_along(prior.scene, rays) if prior.has_elements else visible(prior.cloud, rays)
-        return place(one.scan, shown, refine=settings.refine, limits=settings.limits)
+        limits = settings.limits if prior.has_elements else OF_CLOUDS
+        return place(one.scan, shown, refine=settings.refine, limits=limits)
     except (InputError, ValueError) as error:
         raise InputError(f"{one.file}: {error}") from error
 

@@ -34,6 +34,11 @@ class FitLimits:
 
     least_overlap: float = 0.12  # share of its points within 0.1 m of the prior's surface; much may be new, or gone
     most_residual: float = 0.07  # [m]; chance alone gives 0.074
+    least_upright: float = 0.12  # share of what it sees of walls that lies on walls: floors and ceilings fit anywhere
+
+
+# A cloud as prior shows what was in sight once: of what stands behind a wall that is gone now, nothing.
+OF_CLOUDS = FitLimits(least_overlap=0.05, least_upright=0.0)
 
 
 def place(scan: PosedScan, prior: np.ndarray, *, refine: bool = True, limits: FitLimits | None = None) -> Placed:
@@ -57,10 +62,17 @@ def place(scan: PosedScan, prior: np.ndarray, *, refine: bool = True, limits: Fi
     if not refine:  # whoever believes a pose believes it of a view that is all new, too
         return Placed(scan, 0.0, 0.0, found.residual, overlap, overlap)
     if overlap < limits.least_overlap or not found.residual <= limits.most_residual:
-        told = f"{overlap:.0%} of its points match the prior, {found.residual:.3f} m off"
+        off = f", {found.residual:.3f} m off" if np.isfinite(found.residual) else ""
+        told = f"{overlap:.0%} of its points match the prior{off}"
         raise InputError(
             f"the scan does not fit the prior from there: {told}; expected at least {limits.least_overlap:.0%} and at "
             f"most {limits.most_residual} m; check pose, units and frame, or believe them (--no-refine)"
+        )
+    if found.upright < limits.least_upright:
+        raise InputError(
+            f"the scan does not fit the prior from there: {found.upright:.0%} of what it sees of walls lies on "
+            f"walls, the rest is floor and ceiling; expected at least {limits.least_upright:.0%}; is it of this "
+            "building? check pose, units and frame, or believe them (--no-refine)"
         )
     turn, shift = found.motion[:3, :3], found.motion[:3, 3]
     moved = scan._replace(

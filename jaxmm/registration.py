@@ -16,6 +16,8 @@ NEIGHBOURS = 15  # that tell the normal of a point
 # Reaches [m] within which points are matched, one after the other; which is right depends on how far off the start is.
 LADDERS = ((0.2, 0.1), (0.5, 0.2, 0.1), (1.0, 0.5, 0.2, 0.1))
 CUT = 0.1  # [m] farther off a surface, a point counts as no match
+UPRIGHT = 0.3  # a surface whose normal rises by less stands
+ALIKE = 0.9  # cosine of the angle between the normals of one surface, at least
 BELIEVED = (0.1, 0.1, 0.1, 0.05, 0.05, 0.05)  # [m, rad] standard deviations of the start
 FAR = 0.01  # cost of a motion by one standard deviation, in shares of points that match
 WORTH = 0.02  # neighbouring points err alike: so many independent ones is each worth
@@ -29,6 +31,7 @@ class Registration(NamedTuple):
     residual: float  # [m] robust standard deviation of the distances to the prior's surface, of what matches
     overlap: float  # share of the scan's points that match
     overlap_before: float  # the same at the start
+    upright: float  # of its points on walls and the like, the share that match walls; NaN where it has none
 
 
 def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray) -> Registration:
@@ -46,7 +49,7 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray) -> Registr
     target, tree = _prepared(prior, centre)
     source, _ = _prepared(scan, centre)
     if min(target.size(), source.size()) < 4 * NEIGHBOURS:
-        return Registration(np.eye(4), np.nan, 0.0, 0.0)
+        return Registration(np.eye(4), np.nan, 0.0, 0.0, np.nan)
     points = source.points()[:, :3]
     cloud = (points, target, tree)
     start = _cost(cloud, np.eye(4))
@@ -61,12 +64,16 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray) -> Registr
         motion = _as_believed(cloud, motion)
         found.append((_cost(cloud, motion), motion))
     _, best = min(found, key=lambda item: item[0])
-    off, _, _ = _off(cloud, best)
+    off, _, facing = _off(cloud, best)
     before = np.mean(np.abs(_off(cloud, np.eye(4))[0]) < CUT)
     match = np.abs(off) < CUT
     residual = 1.4826 * float(np.median(np.abs(off[match]))) if match.any() else np.nan
     about = _shifted(centre) @ best @ _shifted(-centre)
-    return Registration(about, residual, float(match.mean()), float(before))
+    normal = source.normals()[:, :3] @ best[:3, :3].T
+    stands = np.abs(normal[:, 2]) < UPRIGHT
+    alike = match & (np.abs(np.einsum("nc,nc->n", normal, facing)) > ALIKE)
+    upright = float(alike[stands].mean()) if stands.any() else np.nan
+    return Registration(about, residual, float(match.mean()), float(before), upright)
 
 
 def _prepared(points: np.ndarray, centre: np.ndarray):

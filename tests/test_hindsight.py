@@ -45,6 +45,19 @@ def test_rays_through_the_place_deny_a_new_object_and_tell_that_one_is_gone():
     assert gone.tell > 5 and gone.deny == 0
 
 
+def test_floor_and_ceiling_around_the_ends_of_a_gone_object_do_not_deny_it():
+    """Rays that fan out in height: those next to the box's lower end meet the floor just before or within it."""
+    tilt = np.linspace(-0.7, 0.7, 141)
+    direction = np.stack([np.cos(tilt), 0 * tilt, np.sin(tilt)], axis=1).astype(np.float32)
+    with np.errstate(divide="ignore"):
+        distance = np.minimum(8.0 / direction[:, 0], 1.5 / np.abs(direction[:, 2])).astype(np.float32)
+    scan = ScanRays(np.zeros(3), direction, distance, 141, direction, 0.01, np.inf)
+    found = hindsight.of_gone_box(pillar(), scan)
+    assert found.tell > 20 and found.deny == 0
+    on_it = np.minimum(2.5 / direction[:, 0], 1.5 / np.abs(direction[:, 2])).astype(np.float32)
+    assert hindsight.of_gone_box(pillar(), scan._replace(distance=on_it)).deny > 20
+
+
 def test_what_ends_before_it_or_nowhere_says_nothing():
     for distance in (1.0, np.inf):
         for found in (

@@ -55,3 +55,23 @@ def test_a_scan_that_fits_nowhere_is_refused_with_the_number():
     with pytest.raises(InputError, match=r"does not fit the prior from there: \d+% of its points match") as told:
         placed(prior, nonsense, limits=FitLimits(least_overlap=0.4))
     assert "\n" not in str(told.value)
+
+
+def test_a_scan_of_another_building_whose_floor_and_ceiling_fit_is_refused():
+    """Two rooms of one height: the scan of one, put where the other's was taken from."""
+    prior, scan = room(number=0)
+    refused = 0
+    for number in (1, 2, 3, 5, 6, 7):
+        other, of_other = room(number=number)
+        lower = scan.points[:, 2].min() - of_other.points[:, 2].min()
+        by = np.array([*(of_other.position - scan.position)[:2], -lower])
+        strange = scan._replace(points=(scan.points + by).astype(np.float32), position=scan.position + by)
+        try:
+            placed(other, strange)
+        except InputError as error:
+            refused += 1
+            assert "does not fit the prior" in str(error) and "\n" not in str(error)
+    assert refused >= 4  # by chance, walls of one room may lie on walls of another
+    assert placed(prior, scan, limits=FitLimits(least_upright=0.3)).overlap > 0.4
+    with pytest.raises(InputError, match=r"\d+% of what it sees of walls lies on walls"):
+        placed(prior, scan, limits=FitLimits(least_upright=1.01))

@@ -45,3 +45,12 @@ def test_another_place_is_refused_in_one_line():
     with pytest.raises(InputError, match="place") as told:
         unit_of(points + np.array([500, 0, 0]), distance)
     assert "\n" not in str(told.value) and "--unit" in str(told.value)
+
+
+@pytest.mark.parametrize("place", [(1.5, 1.5, 1.4), (6, 3.5, 1.4)])
+def test_points_in_the_sensors_frame_are_not_taken_for_feet(place):
+    """Drawn together to a third about the origin, they all come near the prior, but do not lie on it."""
+    points, distance = hall()
+    with pytest.raises(InputError, match="place"):
+        assert unit_of((points - place)[points[:, 0] > 9] * 0.9 + [0, 0, 30], distance)
+    assert unit_of(points - place, distance)[0] == 1.0
