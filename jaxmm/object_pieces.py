@@ -22,6 +22,7 @@ class PieceSettings:
     neighbours: int = 4  # that a point within a cluster has, itself included
     least_points: int = 10  # of a piece
     least_height: float = 0.4  # from the lowest to the highest point of a piece
+    furniture_height: float = 2.25  # what is seen no higher above the floor may be furniture; nothing higher is
     tolerance: float = 0.05  # of a point from the face or the circle that it lies on
     run_gap: float = 0.5  # most between neighbours of one face
     hidden_gap: float = 2.5  # most between faces of one wall, where nothing shows that the gap is free
@@ -67,7 +68,7 @@ def pieces_of(sight: Sight, chosen: np.ndarray, settings: PieceSettings) -> list
 
 
 def upright(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[Piece]:
-    """The pieces that may reach from floor to ceiling: nobody looks past them above or below.
+    """The pieces that are no furniture: nobody looks past them above or below, or they are higher than furniture is.
 
     What stands right beside a piece that does not, and is no higher, is another side of the same thing.
     """
@@ -121,8 +122,8 @@ def _round(places: np.ndarray, faces: list[Face], settings: PieceSettings) -> Ci
 def _may_be_upright(sight: Sight, piece: Piece, settings: PieceSettings) -> bool:
     z = sight.points[piece.members, 2]
     low, high = float(z.min()), float(z.max())
-    if high - low < settings.least_height:
-        return False
+    if not settings.least_height <= high - low < settings.furniture_height:
+        return high - low >= settings.furniture_height
     start, end = _front(piece)
     for bottom, top in ((high, sight.ceiling), (sight.floor, low)):
         if top - bottom > settings.least_gap:

@@ -2,7 +2,8 @@
 
 probable points -> clusters -> upright faces and shafts -> faces of one wall joined -> walls and pillars -> boxes.
 N points of one side of some scans, S scans. World frame: metres, z up. An object is an upright prism, turned by any
-angle. What ends below the ceiling, while one sees over it, is furniture, whatever its points look like.
+angle, and reaches from floor to ceiling unless one sees that it does not. What is low, and seen to end below the
+ceiling, is furniture, whatever its points look like.
 """
 
 import dataclasses
@@ -11,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.boxes import Box
+from jaxmm.object_levels import levels_of
 from jaxmm.object_pieces import joined, pieces_of, upright
 from jaxmm.object_sight import Sight, sensors_of
 from jaxmm.object_solids import SolidSettings, solids_of
@@ -46,7 +48,6 @@ class ObjectSettings(SolidSettings):
     least_apart: float = 0.0  # points closer to the other side's surface are none of an object
     surface_margin: float = 0.05  # points this near to floor or ceiling are none either
     least_probability: float = 0.5  # of an object that is told of
-    furniture_height: float = 2.25  # what is seen no higher above the floor may be furniture
 
     def __post_init__(self):
         for name in ("threshold", "least_probability"):
@@ -91,7 +92,7 @@ def find_objects(
         odds = log_odds_of_object(probability[solid.members])
         if low:
             odds = min(odds, log_odds_of_low_object(sight, solid, probability, apart))
-        found.append(Found(_box(sight, solid, float(1.0 / (1.0 + np.exp(-odds)))), solid.members))
+        found.append(Found(_box(sight, solid, float(1.0 / (1.0 + np.exp(-odds))), settings), solid.members))
     kept = [one for one in found if one.box.probability >= settings.least_probability]
     return sorted(kept, key=lambda one: (-one.box.probability, *one.box.center))
 
@@ -125,13 +126,13 @@ def _mean_logit(probability: np.ndarray) -> float:
     return float(np.log(mean / (1.0 - mean)))
 
 
-def _box(sight: Sight, solid: Solid, probability: float) -> Box:
-    """From floor to ceiling: nothing that is seen to end before is left."""
+def _box(sight: Sight, solid: Solid, probability: float, settings: ObjectSettings) -> Box:
+    low, high = levels_of(sight, solid, settings)
     turn = float(np.degrees(np.arctan2(solid.along[1], solid.along[0])))
     return Box(
         solid.object_type,
-        np.array([*solid.center, (sight.floor + sight.ceiling) / 2]),
-        np.array([*solid.edges, sight.ceiling - sight.floor]),
+        np.array([*solid.center, (low + high) / 2]),
+        np.array([*solid.edges, high - low]),
         (turn + 90.0) % 180.0 - 90.0,
         solid.shape,
         probability,

@@ -232,6 +232,22 @@ def test_a_wall_whose_thickness_does_not_show_is_no_thicker_than_one_looks_past_
         assert least <= min(box.dimensions[:2]) <= most
 
 
+@pytest.mark.parametrize("low, high", [(0.0, 2.5), (0.0, 3.0), (0.45, 3.0)])
+def test_what_is_higher_than_furniture_goes_as_far_up_and_down_as_one_sees(low, high):
+    """A pillar that ends below the ceiling, one that does not, and one that hangs from it."""
+    box = only(find_objects(judged(slab((3.0, 0.5), (0.2, 0.5), low, high, 20))), "pillar")
+    assert box.center[2] - box.dimensions[2] / 2 == pytest.approx(low, abs=0.12)
+    assert box.center[2] + box.dimensions[2] / 2 == pytest.approx(high, abs=0.12)
+    assert box.center[:2] == pytest.approx([3.0, 0.2], abs=0.06)
+
+
+def test_what_fills_a_wall_up_to_a_beam_ends_at_the_beam():
+    """Below: new. Above, in the same plane: what was there before."""
+    beam = slab((3.5, 0.2), (0.0, 3.0), 2.4, 3.0)
+    box = only(find_objects(judged(slab((3.5, 0.2), (0.0, 3.0), 0.0, 2.4), others=(beam,))), "wall")
+    assert box.center[2] + box.dimensions[2] / 2 == pytest.approx(2.4, abs=0.1)
+
+
 def test_a_low_thing_is_surer_far_from_walls_and_less_sure_when_it_is_long_and_shallow():
     points = np.column_stack([np.zeros((50, 2)), np.linspace(0.0, 1.5, 50)])
     sight, members = Sight(points, points, 0.0, 3.0), np.arange(50)
