@@ -1,4 +1,4 @@
-"""One job in a process of its own, which tells its peak of memory [kB], its time [s] and the points it had.
+"""One job in a process of its own: it tells its peak of memory [kB], time, computing in all threads [s], and points.
 
     python -m benchmarks.peak read scan.ply
     python -m benchmarks.peak detect room.ifc scan.ply --pose 1,2,1.3,0 --out found
@@ -17,7 +17,8 @@ def main() -> int:
     job, *arguments = sys.argv[1:]
     code, count = {"read": read, "detect": detect}[job](arguments)
     status = Path("/proc/self/status").read_text()
-    print(status.partition("VmHWM:")[2].split()[0], time.perf_counter() - start, count)
+    peak = status.partition("VmHWM:")[2].split()[0]
+    print(peak, time.perf_counter() - start, time.process_time(), count)
     return code
 
 

@@ -14,9 +14,9 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from jaxmm.files import write_atomically
-from jaxmm.report import Detection
+from jaxmm.report import Detection, PriorFile
 from jaxmm.snapshots import ASPECT_RATIO, COLORS, EDGES, FIELD_OF_VIEW, corners_of, snapshot
-from jaxmm.topics import LABELS, PRIORITIES, Topic, global_id, one_line, project_guid, topics_of
+from jaxmm.topics import LABELS, PRIORITIES, Topic, global_id, is_global_id, legal, one_line, project_guid, topics_of
 
 TOPIC_TYPE = "Mismatch"
 STATUSES = ("Open", "In Progress", "Closed")  # ours are open; the others are for whoever works on them
@@ -51,7 +51,7 @@ def write_bcf(path: Path, detection: Detection, project: str = "jaxmm", when: da
     }
     for number, topic in enumerate(topics):
         files[f"{topic.guid}/"] = b""  # readers rely on folders being listed
-        files[f"{topic.guid}/markup.bcf"] = _xml(_markup(topic, number, when))
+        files[f"{topic.guid}/markup.bcf"] = _xml(_markup(topic, number, when, detection.prior))
         files[f"{topic.guid}/viewpoint.bcfv"] = _xml(_viewpoint(topic))
         files[f"{topic.guid}/snapshot.png"] = snapshot(detection.drawing, topic.mismatch, topic.camera)
     write_atomically(Path(path), lambda temporary: _write_zip(temporary, files))
@@ -81,8 +81,10 @@ def _extensions() -> Element:
     return root
 
 
-def _markup(topic: Topic, number: int, when: datetime) -> Element:
+def _markup(topic: Topic, number: int, when: datetime, prior: PriorFile | None) -> Element:
     root = Element("Markup")
+    if prior is not None:
+        _add_header(root, prior)
     entry = SubElement(root, "Topic", Guid=topic.guid, TopicType=TOPIC_TYPE, TopicStatus=STATUSES[0])
     _add(entry, "Title", topic.title)
     _add(entry, "Priority", topic.priority)
@@ -102,6 +104,13 @@ def _markup(topic: Topic, number: int, when: datetime) -> Element:
     _add(view, "Snapshot", "snapshot.png")
     _add(view, "Index", "0")
     return root
+
+
+def _add_header(parent: Element, prior: PriorFile) -> None:
+    """The file that a tool should have open beside the topic; it is not in the archive."""
+    known = {"IfcProject": prior.project} if is_global_id(prior.project) else {}
+    file = SubElement(SubElement(SubElement(parent, "Header"), "Files"), "File", known, IsExternal="true")
+    _add(file, "Filename", legal(prior.file))
 
 
 def _viewpoint(topic: Topic) -> Element:

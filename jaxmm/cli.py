@@ -30,7 +30,7 @@ SCAN_SENSORS = (
     "oak-d-pro (default), oak-d-pro-small, velodyne-16, ouster-64 or tls, ideal within its range; with -real behind "
     "the name it errs as such devices do; or a TOML file"
 )
-POSE = "metres in the file's frame, z absolute; degrees, YAW counter-clockwise from +x, PITCH upwards"
+POSE = "metres in the frame of the building, z absolute; degrees, YAW counter-clockwise from +x, PITCH upwards"
 SCAN_FILES = (
     ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic) or .csv: the returns with the element of each; "
     ".npz: every ray, returned or not, and a table of the elements"

@@ -11,6 +11,11 @@ SENSORS = (
     "oak-d-pro, oak-d-pro-small, velodyne-16, ouster-64, tls, or a TOML file: says what was in view without a return; "
     "default: the view that the points span"
 )
+FRAMES = "of the scans' points: the prior's (default), or the sensor's (x forward, y left, z up), moved to --pose"
+CLASSES = "that get a verdict, of wall, column, door, window, slab; default: wall column"
+SETTINGS = (
+    'any field of jaxmm/detect_settings.py, as TOML: classes = ["wall"], or in a table: [objects] threshold = 0.4'
+)
 
 
 def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
@@ -27,11 +32,11 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--sensor", metavar="NAME|FILE", help=SENSORS)
     command.add_argument("--preset", choices=("default", "thesis"), default="default", help="how points become boxes")
     command.add_argument("--model", type=Path, metavar="RUN|FILE", help="default: the models that come with jaxmm")
-    command.add_argument("--settings", type=Path, metavar="FILE.toml", help="any setting of detect_settings.py")
-    command.add_argument("--classes", nargs="+", metavar="CLASS", help="that get a verdict; default: wall column")
+    command.add_argument("--settings", type=Path, metavar="FILE.toml", help=SETTINGS)
+    command.add_argument("--classes", nargs="+", metavar="CLASS", help=CLASSES)
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
-    command.add_argument("--frame", choices=("world", "sensor"), default="world", help="of the scans' points")
+    command.add_argument("--frame", choices=("world", "sensor"), default="world", help=FRAMES)
     command.add_argument("--unit", type=float, metavar="METRES", help="of the scans; default: told by how they fit")
     command.add_argument("--prior-unit", type=float, default=1.0, metavar="METRES", help="of a mesh or cloud as prior")
     command.add_argument("--up", choices=("y", "z"), help="axis of a mesh as prior; default: told by how it fits")
@@ -44,14 +49,21 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
 
 def detect(options: argparse.Namespace) -> None:
     """Read, compare, write, and print what was found."""
-    from jaxmm import detect_files
-    from jaxmm.detect_settings import load_settings
-    from jaxmm.files import check_folder
+    from jaxmm.files import check_empty, check_folder
     from jaxmm.scan_poses import read_poses
-    from jaxmm.weights import DEFAULT
 
     check_folder(options.out, "--out")
-    detect_files.check_empty(options.out)
+    check_empty(options.out, "--out")
+    for file in (options.prior, *options.scans):
+        if not file.is_file():
+            raise InputError(f"{file}: expected a file, found {'a folder' if file.is_dir() else 'nothing there'}")
+    poses = read_poses(options.pose) or None
+    sensor = _sensor(options.sensor)
+
+    from jaxmm import detect_files  # takes seconds: what is wrong with the words above is said before
+    from jaxmm.detect_settings import load_settings
+    from jaxmm.weights import DEFAULT
+
     given = {"preset": options.preset}
     if options.no_refine:
         given["refine"] = False
@@ -59,8 +71,8 @@ def detect(options: argparse.Namespace) -> None:
         given["classes"] = options.classes
     settings = load_settings(options.settings, **given)
     detection = detect_files.detect(
-        options.prior, options.scans, read_poses(options.pose) or None,
-        reading=_reading(options), settings=settings, model=options.model or DEFAULT,
+        options.prior, options.scans, poses,
+        reading=_reading(options, sensor), settings=settings, model=options.model or DEFAULT,
     )  # fmt: skip
     for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
         print(note)
@@ -70,10 +82,20 @@ def detect(options: argparse.Namespace) -> None:
     print(f"reports: {options.out}")
 
 
-def _reading(options: argparse.Namespace):
+def _sensor(asked: str | None):
+    if asked is None:
+        return None
+    from warp_scanner.sensors import sensor_named
+
+    try:
+        return sensor_named(asked)
+    except ValueError as error:
+        raise InputError(f"--sensor: {error}") from error
+
+
+def _reading(options: argparse.Namespace, sensor):
     from jaxmm.detect_files import Reading
     from warp_scanner.buildings import ReadOptions
-    from warp_scanner.sensors import sensor_named
 
     if options.unit is not None and not 0.0 < options.unit < 1e6:
         raise InputError(f"--unit: expected a length in metres above 0, got {options.unit:g}")
@@ -86,7 +108,6 @@ def _reading(options: argparse.Namespace):
             y_up=None if options.up is None else options.up == "y",
             unit=options.prior_unit,
         )
-        sensor = sensor_named(options.sensor) if options.sensor else None
     except ValueError as error:
         raise InputError(str(error)) from error
     return Reading(prior, options.unit, options.frame, sensor)

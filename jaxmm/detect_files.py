@@ -14,6 +14,7 @@ from jaxmm.bcf import write_bcf
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.detection_figures import write_figures
+from jaxmm.files import check_empty
 from jaxmm.ifc_update import write_update
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges
@@ -26,7 +27,7 @@ from jaxmm.scan_files import PointScan, read_scans
 from jaxmm.scan_poses import GivenPose
 from jaxmm.scan_rays import PosedScan
 from jaxmm.scan_units import FITS, overlap, unit_of
-from jaxmm.viewpoint import estimate
+from jaxmm.viewpoint import doubts_about, estimate
 from jaxmm.weights import DEFAULT
 from warp_scanner.building_poses import inside
 from warp_scanner.buildings import ReadOptions, bounds
@@ -91,7 +92,7 @@ def detect(
             raise InputError(text if text.startswith(str(file)) else f"{file}: {text}") from error
     loaded = time.perf_counter() - start
     detection = detect_scans(read, named, judges, settings)
-    return detection._replace(timing=detection.timing | {"loading": loaded})
+    return detection._replace(timing=detection.timing | {"loading": loaded}, prior=read.file)
 
 
 def read_judges(model: Path) -> Judges:
@@ -118,7 +119,7 @@ def write_all(detection: Detection, prior: Path, out: Path, *, apply: bool = Fal
     Raises:
         InputError: the folder holds something, or cannot be written.
     """
-    check_empty(out)
+    check_empty(out, "--out")
     start, said = time.perf_counter(), []
     out.parent.mkdir(parents=True, exist_ok=True)
     work = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
@@ -141,16 +142,6 @@ def write_all(detection: Detection, prior: Path, out: Path, *, apply: bool = Fal
     return said
 
 
-def check_empty(out: Path) -> None:
-    """Refuse a folder that holds something: nothing of the user's is overwritten.
-
-    Raises:
-        InputError: it is a file, or not empty.
-    """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"--out: expected a new or an empty folder, {out} holds something; choose another")
-
-
 def _fitting_prior(path: Path, reading: Reading, scan: PointScan) -> Prior:
     """The prior, turned upright where a mesh whose axes nobody told only fits the scan that way."""
     prior = read_prior(path, reading.prior)
@@ -163,7 +154,7 @@ def _fitting_prior(path: Path, reading: Reading, scan: PointScan) -> Prior:
     turned = read_prior(path, dataclasses.replace(reading.prior, y_up=True))
     if overlap(scan.points * scale, _distance(turned)) < FITS:
         return prior
-    note = f"note: {path.name} fits the scan with y up, and was read that way; --up says which axis it is"
+    note = f"{path.name} fits the scan with y up, and was read that way; --up says which axis it is"
     return turned._replace(notes=(*turned.notes, note))
 
 
@@ -190,18 +181,21 @@ def _named(prior: Prior, name: str, scan: PointScan, given: GivenPose | None, re
         if source == "file" and pose is not None:
             pose = pose[0] * unit, pose[1]
     deviation = None
-    if pose is None:
+    thin = points[thin_clouds([(points - prior.origin).astype(np.float32)], ESTIMATED_FROM)[0]]
+    if pose is not None:
+        view = (sensor.horizontal_fov, sensor.vertical_fov) if isinstance(sensor, Pinhole) else None
+        notes += doubts_about(thin, *pose, view)
+    else:
         camera = sensor or OAK_D_PRO
         if not isinstance(camera, Pinhole):
             raise InputError("only the viewpoint of a camera can be estimated from its points; give it with --pose")
-        thin = points[thin_clouds([(points - prior.origin).astype(np.float32)], ESTIMATED_FROM)[0]]
         told = estimate(thin, camera.horizontal_fov, camera.vertical_fov, pitch=None)
         view = f"{camera.horizontal_fov:g} x {camera.vertical_fov:g} degrees"
         notes.append(f"its pose is estimated, for a camera that sees {view}")
         pose = told.position, GivenPose(told.position, told.yaw, told.pitch).rotation
         source, deviation = "estimated", tuple(float(value) for value in told.deviation)
     placed = PosedScan((points - prior.origin).astype(np.float32), pose[0] - prior.origin, pose[1], sensor)
-    _check_place(prior, placed)
+    _check_place(prior, placed, source)
     return NamedScan(placed, name, len(scan.points), source, deviation, tuple(notes))
 
 
@@ -213,11 +207,11 @@ def _known_pose(scan: PointScan, given: GivenPose | None) -> tuple[tuple[np.ndar
     return None, "estimated"
 
 
-def _check_place(prior: Prior, scan: PosedScan) -> None:
-    """Refuse a sensor that is nowhere near the prior."""
+def _check_place(prior: Prior, scan: PosedScan, source: str) -> None:
+    """Refuse a sensor that is nowhere near the prior; `source` says where its pose is from."""
     if prior.scene is None or inside(prior.building, prior.scene, scan.position[None])[0]:
         return
     low, high = (corner + prior.origin for corner in bounds(prior.building.triangles))
     where = ", ".join(f"{value:.10g}" for value in scan.position + prior.origin)
     spans = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low, high, strict=True))
-    raise InputError(f"pose {where} is outside the building, which spans {spans} m")
+    raise InputError(f"the pose {where}, {source}, is outside the building, which spans {spans} m")

@@ -19,7 +19,7 @@ from jaxmm.placement import OF_CLOUDS, Placed, place
 from jaxmm.priors import Prior
 from jaxmm.report import Detection, Drawing, ElementVerdict, Pose, ScanRecord
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
-from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, VERDICTS, Told, Verdict, told_of, verdicts_of
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
 from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
 from warp_scanner.sensors import Pinhole
 
@@ -156,15 +156,15 @@ def _records(
     prior: Prior, scans: list[NamedScan], placed: list[Placed], told: tuple[list[Told | None], DetectSettings]
 ) -> tuple[ScanRecord, ...]:
     """What is known of every scan, and which verdicts it changed beyond those before it."""
-    (says, settings), before, records = told, None, []
-    wanted = slice(0)
+    (says, settings), records = told, []
     if prior.has_elements:
         wanted = np.isin(prior.building.elements.semantic, [SEMANTIC[name] for name in settings.classes])
+        before = np.full(int(wanted.sum()), UNSCANNED)
     for number, (one, fit) in enumerate(zip(scans, placed, strict=True)):
         changed = dict.fromkeys(VERDICTS, 0)
         if prior.has_elements:
             now = np.array([found.verdict for found in verdicts_of(says[: number + 1], settings.verdicts)])[wanted]
-            new = now if before is None else now[now != before]
+            new = now[now != before]
             changed |= {name: int(np.sum(new == name)) for name in VERDICTS}
             before = now
         registration = {

@@ -99,6 +99,16 @@ def check_writable(path: Path, option: str) -> None:
         raise InputError(f"{option}: cannot write to {target.parent}: {error.strerror}") from error
 
 
+def check_empty(path: Path, option: str) -> None:
+    """Refuse a folder that holds something: nothing of the user's is overwritten.
+
+    Raises:
+        InputError: it is a file, or not empty.
+    """
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(f"{option}: expected a new or an empty folder, {path} holds something; choose another")
+
+
 def check_folder(path: Path, option: str) -> None:
     """Refuse a folder for output that could not be made or written to, before the work for it is done.
 

@@ -15,7 +15,7 @@ from warp_scanner.triangles import TriangleScene, cast_triangles
 
 APART = 0.1  # [m] ranges must differ by more for a ray to tell
 OFF = 0.25  # [m] a fitted box may be off by
-ENDS = 0.15  # [m] of its height next to floor and ceiling
+ENDS = 0.15  # [m] of its height next to its lower and its upper end
 CORE = 0.6  # of a box's edges: rays through this much of it cannot have grazed it by a misfit
 
 
@@ -58,13 +58,13 @@ def of_box(box: Box, expected: np.ndarray, rays: ScanRays) -> Alone:
 def of_gone_box(box: Box, rays: ScanRays) -> Alone:
     """An object fitted to points of a prior without elements: rays beyond its core tell, rays that end on it deny."""
     reach, core = _reach(box, 1.0, rays), _reach(box, CORE, rays)
-    # Floor and ceiling go on around its ends, and say nothing of it.
-    between = _reach(box._replace(dimensions=np.asarray(box.dimensions) - [0.0, 0.0, 2 * ENDS]), 1.0, rays)
+    # What goes on around its ends, floor and ceiling or a wall in its line, says nothing of it.
+    inner = _reach(box._replace(dimensions=np.asarray(box.dimensions) - [0.0, 0.0, 2 * ENDS]), CORE, rays)
     meets = np.isfinite(reach) & (reach <= rays.limit)
     back = np.isfinite(rays.distance)
     with np.errstate(invalid="ignore"):
         beyond = np.isfinite(core) & back & (rays.distance > core + APART + min(box.dimensions[:2]))
-        on_it = np.isfinite(between) & meets & (np.abs(rays.distance - between) <= APART)
+        on_it = np.isfinite(inner) & meets & (np.abs(rays.distance - reach) <= APART)
     return Alone(int(meets.sum()), int(beyond.sum()), int(on_it.sum()))
 
 

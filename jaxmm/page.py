@@ -14,6 +14,7 @@ from pathlib import Path
 from jaxmm.files import write_text
 from jaxmm.page_data import LIMITS, Limits, as_script, page_data
 from jaxmm.report import Detection
+from jaxmm.report_text import printable, prior_in_words
 
 SCRIPTS = (
     "data.js", "colours.js", "camera.js", "shaders.js", "canvas.js", "surface.js", "marks.js", "painter.js",
@@ -37,6 +38,7 @@ def page_text(detection: Detection, limits: Limits = LIMITS) -> str:
         "policy": f"default-src 'none'; img-src data:; script-src {_hash(script)}; style-src {_hash(style)}",
         "title": html.escape(f"jaxmm: {detection.summary()}"),
         "summary": html.escape(detection.summary()),
+        "prior": html.escape(printable(f"Compared with: {prior_in_words(detection.prior)}" if detection.prior else "")),
         "sentences": "\n".join(f"<li>{html.escape(line)}</li>" for line in detection.sentences),
         "style": style,
         "data": as_script(page_data(detection, limits)),

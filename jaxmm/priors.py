@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxmm.inputs import InputError
 from jaxmm.object_solids import KnownSizes
+from jaxmm.report import PriorFile
 from jaxmm.scan_files import READERS, read_scans
 from warp_scanner.building_changes import of_element
 from warp_scanner.building_files import read_building
@@ -33,6 +34,7 @@ class Prior(NamedTuple):
     scene: TriangleScene | None = None
     cloud: np.ndarray | None = None  # (M, 3) float32 [m] offsets, one a voxel
     sizes: KnownSizes = KnownSizes()  # of its walls and columns, the most frequent first; a cloud knows none
+    file: PriorFile | None = None  # None where it came as arrays
 
     @property
     def has_elements(self) -> bool:
@@ -51,15 +53,18 @@ def read_prior(path: Path, options: ReadOptions = AS_IT_IS) -> Prior:
         raise InputError(f"{path}: expected a prior, found {'a folder' if path.is_dir() else 'nothing there'}")
     if suffix in BUILDINGS and not (suffix == ".ply" and not _has_faces(path)):
         try:
-            return prior_of_building(read_building(path, options))
+            building = read_building(path, options)
         except (ValueError, ImportError) as error:
             raise InputError(str(error)) from error
+        file = PriorFile(path.name, "ifc" if suffix == ".ifc" else "mesh", building.unit, building.project)
+        return prior_of_building(building)._replace(file=file)
     if suffix not in READERS:
         known = ", ".join(sorted({*BUILDINGS, *READERS}))
         raise InputError(f"{path}: expected a prior ending in one of {known}, got {suffix or 'no ending'}")
     scans = read_scans(path)
     points = np.concatenate([scan.points for scan in scans]) * options.unit
-    return prior_of_cloud(points, tuple(f"{path.name}: {note}" for scan in scans for note in scan.remarks))
+    notes = tuple(f"{path.name}: {note}" for scan in scans for note in scan.remarks)
+    return prior_of_cloud(points, notes)._replace(file=PriorFile(path.name, "cloud", options.unit))
 
 
 def prior_of_building(building: Building) -> Prior:

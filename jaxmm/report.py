@@ -17,6 +17,15 @@ Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch
 PLURAL = {"wall": "walls", "pillar": "pillars"}
 
 
+class PriorFile(NamedTuple):
+    """The file that the scans were compared with."""
+
+    file: str  # name, without folders
+    kind: str  # "ifc" | "mesh" | "cloud"
+    unit: float  # [m] length of its unit: an IFC file says it, for any other the option --prior-unit does
+    project: str | None = None  # GlobalId of the IfcProject; None for all but IFC files
+
+
 class Mismatch(NamedTuple):
     """One changed object."""
 
@@ -89,6 +98,7 @@ class Detection(NamedTuple):
     timing: dict[str, float]  # [s] by stage
     notes: tuple[str, ...]  # what a user must know of how files were read, a line each
     drawing: Drawing
+    prior: PriorFile | None = None  # None where the prior came as arrays
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -125,6 +135,7 @@ def to_json(detection: Detection) -> dict[str, Any]:
     return {
         "mismatches": [_mismatch(one) for one in detection.mismatches],
         "elements": [_element(one) for one in detection.elements],
+        "prior": _prior(detection.prior),
         "scans": [_scan(one) for one in detection.scans],
         "sentences": list(detection.sentences),
         "registration": _plain(detection.registration),
@@ -143,6 +154,10 @@ def _element(one: ElementVerdict) -> dict[str, Any]:
     told = one._asdict()
     del told["points"], told["rays"]
     return _plain(told | {"evidence": evidence, "probability": round(one.probability, 6)})
+
+
+def _prior(one: PriorFile | None) -> dict[str, Any] | None:
+    return None if one is None else one._asdict()  # a unit as it is: a foot has more digits than a micrometre
 
 
 def _scan(one: ScanRecord) -> dict[str, Any]:

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxmm.report import Detection, ElementVerdict, Mismatch, Pose, ScanRecord
+from jaxmm.report import Detection, ElementVerdict, Mismatch, Pose, PriorFile, ScanRecord
+from jaxmm.scan_units import UNITS as UNIT_WORDS
 from jaxmm.verdict_words import OBSERVABLE_WORDS, PROBABILITY_WORDS, VERDICT_WORDS
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
@@ -29,6 +30,7 @@ def as_markdown(detection: Detection) -> str:
     """The content of report.md: removed and occluded elements in full, all others counted by class and storey."""
     blocks = [
         ["# What the scans say of the building model", "", f"{_capital(detection.summary())}."],
+        [f"{escaped(_capital(prior_in_words(detection.prior)))}."] if detection.prior else [],
         _sentences(detection),
         _mismatches(detection.mismatches),
         _elements(detection.elements),
@@ -78,6 +80,18 @@ def percent(share: float | None) -> str:
 def pose_in_words(pose: Pose) -> str:
     """A place and where to look from it."""
     return f"({metres(pose[:3])}), yaw {number(pose[3], 0)}°, pitch {number(pose[4], 0)}°"
+
+
+def prior_in_words(prior: PriorFile) -> str:
+    """Its name and what is known of it: "building model a.ifc, in millimetres, IfcProject 2O2Fr$t4X7Zf8NOew3FNr2".
+
+    Neither escaped nor fit to be written as it is: a file may have any name.
+    """
+    kind = {"ifc": "building model", "mesh": "mesh", "cloud": "point cloud"}.get(prior.kind, prior.kind)
+    known = [word for length, word in {1.0: "metres", **UNIT_WORDS}.items() if math.isclose(length, prior.unit)]
+    unit = known[0] if known else f"units of {prior.unit:.7g} m"
+    project = f", IfcProject {prior.project}" if prior.project else ""
+    return f"{kind} {prior.file}, in {unit}{project}"
 
 
 def _identifier(text: str) -> str:

@@ -59,20 +59,28 @@ def topics_of(detection: Detection, project: str) -> tuple[Topic, ...]:
 
 def project_guid(project: str) -> uuid.UUID:
     """What its name makes of a project."""
-    return uuid.uuid5(_FAMILY, _legal(project))
+    return uuid.uuid5(_FAMILY, legal(project))
 
 
 def global_id(mismatch: Mismatch) -> str | None:
     """The GlobalId of a removed element that an IFC file can hold; None for all else, like the node of a mesh."""
-    if mismatch.mismatch_type != "removed" or not _GLOBAL_ID.fullmatch(mismatch.element or ""):
-        return None
-    return mismatch.element
+    return mismatch.element if mismatch.mismatch_type == "removed" and is_global_id(mismatch.element) else None
+
+
+def is_global_id(text: str | None) -> bool:
+    """Whether an IFC file can have this GlobalId."""
+    return _GLOBAL_ID.fullmatch(text or "") is not None
 
 
 def one_line(text: str) -> str:
     """A name from a file on one line, of a bearable length."""
-    text = " ".join(_legal(text).split())
+    text = " ".join(legal(text).split())
     return text if len(text) <= _LONGEST_NAME else f"{text[: _LONGEST_NAME - 1]}…"
+
+
+def legal(text: str) -> str:
+    """Text with a mark in place of what XML cannot hold."""
+    return _NOT_XML.sub("\ufffd", text)
 
 
 def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project: str) -> Iterator[str]:
@@ -80,7 +88,7 @@ def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project
     family = project_guid(project)
     seen: dict[str, int] = {}
     for one, words in zip(mismatches, sentences, strict=True):
-        content = f"{words}/{one.rotation:.2f}/{_legal(one.element or '')}"
+        content = f"{words}/{one.rotation:.2f}/{legal(one.element or '')}"
         seen[content] = seen.get(content, 0) + 1
         yield str(uuid.uuid5(family, f"{content}/{seen[content]}"))
 
@@ -101,7 +109,3 @@ def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
     yield f"Its verdict is {told.verdict}; the probability that it was removed is {told.probability:.3f}."
     counts = ", ".join(f"{count} {name}" for name, count in zip(FRACTIONS, told.rays, strict=True))
     yield f"Evidence: {told.points} points of the model's scan lie on it; of the robot's rays there, {counts}."
-
-
-def _legal(text: str) -> str:
-    return _NOT_XML.sub("\ufffd", text)

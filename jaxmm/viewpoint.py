@@ -32,6 +32,7 @@ LEAST_TOUCHED_EDGE = 0.15  # of each; with a wrong field of view, an edge has no
 WELL_TOUCHED = 0.8  # of all edges; with less, another field of view may fit better
 HOPELESS = 0.4  # of all edges; with less, no other field of view is asked for
 MOST_HIDDEN = 0.2  # of the points; right poses have up to 0.15 in clouds of few points, a third of it in large ones
+MOST_STRAYS = 0.2  # of the points, out of view as a given pose has it
 LEAST_LEAD = 0.15  # in score over any other pose; the mirror image of a wall that is nearly alone comes close
 FAR_BETTER = 0.15  # in score: with this lead, another field of view casts doubt on the given one
 MOST_UNSURE = (0.5, 5.0)  # [m, deg] standard deviation of a coordinate, beyond which it is no estimate
@@ -115,6 +116,33 @@ def _unknown(reason: str) -> InputError:
 
 def _thinned(points: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
     return points if len(points) <= count else points[np.sort(rng.choice(len(points), count, replace=False))]
+
+
+def doubts_about(
+    points: np.ndarray, position: np.ndarray, rotation: np.ndarray, view: tuple[float, float] | None
+) -> list[str]:
+    """What speaks against a pose that a scan is said to be taken from; nothing where all fits.
+
+    Args:
+        points: (N, 3) [m] of the scan, thinned to about 0.1 m.
+        position: (3,) [m] of the sensor, in the frame of the points.
+        rotation: (3, 3) sensor to world.
+        view: horizontal and vertical field of view [deg] that the points must lie in; None: any.
+    """
+    if len(points) < LEAST_POINTS:
+        return []
+    forward = rotation[:, 0]
+    turned = [np.arctan2(forward[1], forward[0]), np.arcsin(np.clip(forward[2], -1.0, 1.0))]
+    cloud = with_spacing(np.asarray(points, np.float64) - position)
+    hidden, strays = misplaced(cloud, np.array([0.0, 0.0, 0.0, *turned]), np.radians(view or (90.0, 90.0)) / 2)
+    doubts = []
+    if hidden > MOST_HIDDEN:
+        doubts.append(
+            f"{hidden:.0%} of its points would lie hidden behind others, seen from its pose: is the place right?"
+        )
+    if view and strays > MOST_STRAYS:
+        doubts.append(f"{strays:.0%} of its points lie outside the sensor's view, as it is turned: is it right?")
+    return doubts
 
 
 def _search(cloud: Cloud, thin: Cloud, half: np.ndarray, pitches: np.ndarray, free: np.ndarray) -> list[_Fit]:

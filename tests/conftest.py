@@ -1,4 +1,7 @@
-"""What several test files share: the folder of real data, and one whole run of the main job at its smallest."""
+"""What several test files share: the folder of real data, and one whole run of the main job at its smallest.
+
+And how files are shared out to two processes, so that both are done at about the same time.
+"""
 
 import functools
 import os
@@ -34,6 +37,37 @@ patience = 0
 [evaluate]
 resamples = 100
 """
+
+
+# These take one whole run of the main job, which is then made once: they go to one process.
+ONE_RUN = ("test_reproduce.py", "test_cli.py", "test_cli_thesis.py", "test_thesis_rows.py")
+# These take longest, and come first: whoever is done early takes the short ones.
+LONG = (
+    *ONE_RUN, "test_train.py", "test_engines.py", "test_generate.py", "test_cli_detect.py", "test_viewpoint.py",
+    "test_fused.py", "test_fit.py", "test_joint.py", "test_building_pairs.py", "test_fuzz.py", "test_page_browser.py",
+    "test_buildings.py", "test_runs.py", "test_meshes.py", "test_detection.py", "test_figures.py", "test_changes.py",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items):
+    """The tests of files in LONG before all others; within a file they keep their order."""
+    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """What `--dist loadfile` does, but files in ONE_RUN count as one, and the order is that of LONG."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByFile(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            path = super()._split_scope(nodeid)
+            return "one run" if Path(path).name in ONE_RUN else path
+
+    config.option.loadscopereorder = False  # by the number of tests, which says little of how long they take
+    return ByFile(config, log)
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.evidence import BLOCKED, SUPPORT, THROUGH
-from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, ScanRecord
+from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from warp_scanner.buildings import Building
 from warp_scanner.ifc_files import read_ifc
@@ -43,10 +43,11 @@ def true_case(folder: Path, scenario: str = "pillar_and_wall_removed", number: i
         {PRESENT: 5, REMOVED: sum(one.mismatch_type == "removed" for one in mismatches), OCCLUDED: 1, UNSCANNED: 0},
     )  # fmt: skip
     assert len(corners) == 1
+    file = PriorFile(ifc.name, "ifc", building.unit, building.project)
     detection = Detection(
         mismatches, _elements(pairs, building, mismatches, drawing, pose), (scan,),
         {"refined": True, "residual": 0.004}, {"preset": "default", "change_prior": 0.02}, {"total": 1.0},
-        ("note: all of this is made up, and true",), drawing,
+        ("note: all of this is made up, and true",), drawing, file,
     )  # fmt: skip
     return Case(ifc, building, pairs, detection)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jaxmm.page import write_page
-from jaxmm.report import Detection, Drawing, Mismatch
+from jaxmm.report import Detection, Drawing, Mismatch, PriorFile
 from jaxmm.verdicts import OCCLUDED
 
 EVIL = '</script><script>window.hacked=1</script><img src=x onerror="window.hacked=1">"\'<!--é☃\u2028{{data}}'
@@ -42,6 +42,7 @@ def hostile(told: Detection) -> Detection:
     return told._replace(
         mismatches=mismatches, elements=(told.elements[0], element, *told.elements[2:]), scans=(first, second),
         drawing=drawing, notes=(EVIL,), settings={EVIL: EVIL}, registration={EVIL: [EVIL]},
+        prior=PriorFile(EVIL, "ifc", 1.0, EVIL),
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ import pytest
 from detections import true_case
 
 from jaxmm.bcf import AUTHOR, write_bcf
-from jaxmm.report import Mismatch
+from jaxmm.report import Mismatch, PriorFile
 from jaxmm.snapshots import EDGES, best_scan, camera_at, corners_of, snapshot
 from jaxmm.topics import global_id, topics_of
 
@@ -157,6 +157,8 @@ def test_file_is_valid(written):
         ("project.bcfp", b"ProjectId=", b"ProjektId="),
         ("extensions.xml", b"<User>jaxmm</User>", b"<User> </User>"),
         ("markup.bcf", b"TopicStatus=", b"Status="),
+        ("markup.bcf", b'IfcProject="', b'IfcProject="-'),
+        ("markup.bcf", b"<Filename>room.ifc", b"<Filename> "),
         ("markup.bcf", b"<Title>", b"<Index>0</Index><Title>"),
         ("markup.bcf", b"15Z</CreationDate>", b"15 o'clock</CreationDate>"),
         ("markup.bcf", b"<Label>", b"words <Label>"),
@@ -212,6 +214,25 @@ def test_another_reader_reads_back_what_was_written(moved, written, opened):
             assert info.components.selection is None and info.components.coloring is None
             drawn = [(vector(line.start_point), vector(line.end_point)) for line in info.lines.line]
             np.testing.assert_array_equal(drawn, corners_of(one)[EDGES])
+
+
+def test_header_names_the_file_that_was_compared_with(moved, written, opened, tmp_path):
+    assert len(moved.prior.project) == 22
+    for topic in by_index(opened(written)):
+        file = only(topic.header.files.file)
+        assert (file.filename, file.ifc_project, file.is_external) == ("room.ifc", moved.prior.project, True)
+    for prior, name in (
+        (PriorFile("a\x00 & <b>.obj", "mesh", 1.0), "a\ufffd & <b>.obj"),
+        (PriorFile("\udcff.ifc", "ifc", 0.001, "no GlobalId"), "\ufffd.ifc"),
+    ):
+        write_bcf(tmp_path / "named.bcf", moved._replace(prior=prior))
+        check_schema(content_of(tmp_path / "named.bcf"))
+        for topic in by_index(opened(tmp_path / "named.bcf")):
+            file = only(topic.header.files.file)
+            assert (file.filename, file.ifc_project) == (name, None)
+    write_bcf(tmp_path / "arrays.bcf", moved._replace(prior=None))
+    check_schema(content_of(tmp_path / "arrays.bcf"))
+    assert all(topic.header is None for topic in by_index(opened(tmp_path / "arrays.bcf")))
 
 
 def by_index(read):

@@ -6,14 +6,15 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from functools import partial
 from pathlib import Path
 
+import engine_tasks
 import pytest
+from engine_tasks import burden, die, fail, square
 
-from jaxmm import dataset, generate, heap, local_engine, ray_engine
+from jaxmm import dataset, generate, local_engine, ray_engine
 from jaxmm.config import load
 from jaxmm.generate import Request
 from jaxmm.inputs import InputError
@@ -27,25 +28,6 @@ def config(tmp_path_factory):
     path = tmp_path_factory.mktemp("config") / "small.toml"
     path.write_text(SETTINGS)
     return path
-
-
-def square(number):
-    return number * number
-
-
-def die(number):
-    if number == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number
-
-
-def fail(number):
-    raise InputError(f"room {number} is on fire")
-
-
-def whoami(number):
-    time.sleep(0.2)
-    return os.getpid()
 
 
 def test_the_local_engine_takes_no_more_tasks_than_it_has_workers():
@@ -71,39 +53,6 @@ def test_a_lost_worker_and_an_error_of_its_own_end_the_work():
         list(local_engine.results(fail, [(0,)], 2))
 
 
-def memory(name):
-    """A number of /proc/self/status [MB]."""
-    return int(Path("/proc/self/status").read_text().partition(f"{name}:")[2].split()[0]) / 1024
-
-
-kept = []
-
-
-def crowd(threads):
-    """How much the address space [MB] grows by threads that allocate side by side."""
-    before, together = memory("VmSize"), threading.Barrier(threads)
-
-    def allocate():
-        pieces = [bytes(4000) for _ in range(100)]
-        together.wait()
-        return pieces
-
-    started = [threading.Thread(target=allocate) for _ in range(threads)]
-    for step in ("start", "join"):
-        for thread in started:
-            getattr(thread, step)()
-    return memory("VmSize") - before
-
-
-def burden(megabytes):
-    """Memory [MB] at the start of a task that leaves a hole in the heap, growth by its threads, and a large result."""
-    heap.give_back()
-    before = memory("VmRSS")
-    pieces = [bytes(4000) for _ in range(megabytes * 250)]
-    kept.append(pieces[-1])  # at the heap's end, so that what is free lies below
-    return before, crowd(8), b"1" * (megabytes << 20)
-
-
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="tunes the heap of glibc")
 def test_a_worker_keeps_nothing_of_the_tasks_before():
     found = [result for _, result in local_engine.results(burden, [(50,)] * 6, 2)]
@@ -114,10 +63,10 @@ def test_a_worker_keeps_nothing_of_the_tasks_before():
 
 
 ORPHANS = """
-import os, sys, test_engines
+import engine_tasks
 from jaxmm import local_engine
 if __name__ == "__main__":
-    for _, worker in local_engine.results(test_engines.whoami, ((n,) for n in range(1000)), 2):
+    for _, worker in local_engine.results(engine_tasks.whoami, ((n,) for n in range(1000)), 2):
         print(worker, flush=True)
 """
 
@@ -187,7 +136,8 @@ def cluster():
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("RAY_ADDRESS", raising=False)
         ray_engine.connect(2)
-    ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])  # its workers cannot import tests
+    for module in (sys.modules[__name__], engine_tasks):
+        ray.cloudpickle.register_pickle_by_value(module)  # its workers cannot import tests
     yield ray
     ray.shutdown()
 

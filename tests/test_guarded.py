@@ -1,6 +1,8 @@
 """A reader that crashes, stalls, swallows memory or talks does so in a process of its own, and costs one line."""
 
+import io
 import os
+import pickle
 import re
 import signal
 import time
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 
 from warp_scanner import guarded
-from warp_scanner.guarded import Limits, limits_for, read_guarded
+from warp_scanner.guarded import Limits, Plain, limits_for, read_guarded
 
 LIMITS = Limits(60, 4 << 30)
 PATH = Path("a.ifc")
@@ -19,7 +21,7 @@ PATH = Path("a.ifc")
 def well(path, options):
     print("what a library says")
     os.write(1, b"and what it says below Python")
-    return {"path": path, "options": options, "array": np.arange(5)}
+    return Plain({"path": str(path), "options": options}, {"array": np.arange(5), "words": np.array(["ä", "\ud800"])})
 
 
 def refuse(path, _):
@@ -41,7 +43,7 @@ def sleep(*_):
 
 def swallow(path, count):
     try:
-        return len(np.ones(count))
+        return Plain(len(np.ones(count)), {})
     except MemoryError as error:
         raise ValueError(f"{path}: too much") from error
 
@@ -50,10 +52,58 @@ def fail(*_):
     raise KeyError("a bug")
 
 
+def sneak(*_):
+    return Plain(None, {"objects": np.array([Marker("unused")], object)})
+
+
+def forge(_, how):
+    """What a reader that a file has taken over could do: answer in place of the code around it, and end well."""
+    folder, kind = how
+    forged = {
+        "pickle": pickle.dumps(Marker(folder)),
+        "npy": _saved(np.save, np.array([Marker(folder)], object)),
+        "npz": _saved(np.savez, words=np.array([Marker(folder)], object)),
+        "nothing": b"",
+        "no words": _saved(np.savez, words=np.zeros(3)),
+        "no zip": _saved(np.savez, words=np.zeros(3))[:-9],
+    }[kind]
+    for number in range(3, 32):
+        try:
+            os.write(number, forged)
+        except OSError:
+            continue
+    os._exit(0)
+
+
+class Marker:
+    """Leaves a file behind where it is unpickled."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __reduce__(self):
+        return os.mkdir, (os.path.join(self.folder, "unpickled"),)
+
+
+def _saved(save, *arrays, **named):
+    with io.BytesIO() as file:
+        save(file, *arrays, **named)
+        return file.getvalue()
+
+
 def test_what_is_read_comes_back_whole():
-    found = read_guarded(well, PATH, ("solid", 2.0), LIMITS)
-    np.testing.assert_array_equal(found.pop("array"), np.arange(5))
-    assert found == {"path": PATH, "options": ("solid", 2.0)}
+    words, arrays = read_guarded(well, PATH, ["solid", 2.0], LIMITS)
+    assert words == {"path": str(PATH), "options": ["solid", 2.0]}
+    assert arrays.keys() == {"array", "words"}
+    np.testing.assert_array_equal(arrays["array"], np.arange(5))
+    np.testing.assert_array_equal(arrays["words"], ["ä", "\ud800"])
+
+
+@pytest.mark.parametrize("kind", ["pickle", "npy", "npz", "nothing", "no words", "no zip"])
+def test_no_answer_carries_code(tmp_path, kind):
+    with pytest.raises(ValueError, match=r"^a.ifc: .* answer cannot be read$"):
+        read_guarded(forge, PATH, [str(tmp_path), kind], LIMITS)
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -65,6 +115,7 @@ def test_what_is_read_comes_back_whole():
         (stall, None, Limits(1, 4 << 30), "a.ifc: .* 1 s of computing, .* not done"),
         (swallow, 10**9, LIMITS, "a.ifc: too much"),
         (fail, None, LIMITS, "a.ifc: .* the reader ended"),
+        (sneak, None, LIMITS, "a.ifc: .* the reader ended"),
     ],
 )
 def test_what_goes_wrong_is_one_line(read, options, limits, words, capfd):

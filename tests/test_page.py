@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import html
 import json
 import re
 from html.parser import HTMLParser
@@ -13,7 +14,7 @@ from pages import EVIL, hostile
 
 from jaxmm.page import page_text, write_page
 from jaxmm.page_data import Limits, as_script, decoded, encoded, page_data, surface_of
-from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, ScanRecord, to_json
+from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord, to_json
 from jaxmm.verdicts import PRESENT
 
 
@@ -82,6 +83,17 @@ def test_text_in_the_data_can_neither_end_nor_open_an_element():
         script = as_script({text: [text]})
         assert json.loads(script) == {text: [text]}
         assert script.isascii() and not set("<>&") & set(script)
+
+
+def test_page_names_the_file_that_was_compared_with(case):
+    def header(prior):
+        return re.search(r'<p id="prior">(.*?)</p>', page_text(case.detection._replace(prior=prior)), re.S)[1]
+
+    told = "Compared with: building model room.ifc, in metres, IfcProject "
+    assert html.unescape(header(case.detection.prior)) == told + case.detection.prior.project
+    assert header(PriorFile("a.npy", "cloud", 0.3048)) == "Compared with: point cloud a.npy, in feet"
+    assert html.unescape(header(PriorFile(EVIL, "mesh", 0.02))) == f"Compared with: mesh {EVIL}, in units of 0.02 m"
+    assert header(None) == ""
 
 
 def test_page_stands_alone_and_allows_only_its_own_script(case):

@@ -1,11 +1,16 @@
 """What a scan is compared with, whatever file it comes in."""
 
+import re
+
 import numpy as np
 import pytest
 import trimesh
+from valid_ifc import ifc_text
 
 from jaxmm.inputs import InputError
 from jaxmm.priors import distance_to, prior_of_building, prior_of_cloud, read_prior
+from jaxmm.report import PriorFile
+from warp_scanner.buildings import ReadOptions
 from warp_scanner.room_buildings import building_of_room
 from warp_scanner.scenes import BOX, CYLINDER, PILLAR, WALL, Primitives
 
@@ -47,6 +52,30 @@ def test_a_ply_without_faces_is_a_cloud_and_with_them_a_building(tmp_path):
     cloud, mesh = read_prior(tmp_path / "cloud.ply"), read_prior(tmp_path / "mesh.ply")
     assert not cloud.has_elements and mesh.has_elements and cloud.sizes.walls == ()
     assert abs(distance_to(cloud, box.sample(200).astype(np.float32), 1.0)).max() < 0.25
+
+
+def test_the_prior_says_which_file_it_is_and_in_which_unit(tmp_path):
+    box = trimesh.creation.box((4, 3, 2.5))
+    np.save(tmp_path / "cloud.npy", box.sample(5000))
+    box.export(tmp_path / "mesh.STL", file_type="stl")
+    foot = ReadOptions(unit=0.3048)
+    assert read_prior(tmp_path / "cloud.npy").file == PriorFile("cloud.npy", "cloud", 1.0)
+    assert read_prior(tmp_path / "cloud.npy", foot).file == PriorFile("cloud.npy", "cloud", 0.3048)
+    assert read_prior(tmp_path / "mesh.STL", foot).file == PriorFile("mesh.STL", "mesh", 0.3048)
+    assert prior_of_cloud(box.sample(100)).file is None
+
+
+@pytest.mark.parametrize(
+    "old, new, unit",
+    [(b"", b"", 0.001), (b".MILLI.,.METRE.", b"$,.METRE.", 1.0), (b".MILLI.,.METRE.", b".CENTI.,.METRE.", 0.01)],
+)
+def test_an_ifc_file_says_its_unit_and_project(tmp_path, old, new, unit):
+    pytest.importorskip("ifcopenshell")
+    text = ifc_text("IFC4")
+    assert old in text
+    (tmp_path / "a.ifc").write_bytes(text.replace(old, new))
+    guid = re.search(rb"IFCPROJECT\('([^']*)'", text)[1].decode()
+    assert read_prior(tmp_path / "a.ifc").file == PriorFile("a.ifc", "ifc", pytest.approx(unit), guid)
 
 
 def test_a_cloud_on_a_national_grid_loses_nothing():

@@ -11,7 +11,7 @@ from detections import true_case
 
 import jaxmm
 from jaxmm.evidence import FRACTIONS
-from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, ScanRecord, to_json
+from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord, to_json
 from jaxmm.verdicts import VERDICTS
 
 jsonschema = pytest.importorskip("jsonschema")
@@ -84,7 +84,10 @@ def random_detection(seed: int) -> Detection:
         none[:, 0].astype(np.uint8), none[:, 0].astype(np.int32), (), None, None, None, (none,) * len(scans),
     )  # fmt: skip
     timing = {"total": abs(real()), "none": math.nan}
-    return Detection(mismatches, elements, scans, {"residual": real()}, settings, timing, (name(),), drawing)
+    prior = maybe(
+        PriorFile(name(), ("ifc", "mesh", "cloud")[rng.integers(3)], 10.0 ** rng.uniform(-6, 3), maybe(name()))
+    )
+    return Detection(mismatches, elements, scans, {"residual": real()}, settings, timing, (name(),), drawing, prior)
 
 
 @pytest.fixture(scope="module")
@@ -127,6 +130,9 @@ def test_the_report_says_the_numbers_of_the_detection():
         for told, one in zip(report["scans"], detection.scans, strict=True):
             assert all(is_same(a, b) for a, b in zip(told["pose"], one.pose, strict=True))
             assert told["told"] == one.told and told["file"] == one.file
+        assert (report["prior"] is None) == (detection.prior is None)
+        if detection.prior:
+            assert PriorFile(**report["prior"]) == detection.prior
         assert report["sentences"] == list(detection.sentences) and len(report["sentences"]) == len(
             detection.mismatches
         )
@@ -144,6 +150,9 @@ def test_the_report_says_the_numbers_of_the_detection():
         pytest.param(("elements", 0, "evidence"), {"points": 1}, id="evidence without rays"),
         pytest.param(("elements", 0, "next_view"), [0.0] * 4, id="pose of four numbers"),
         pytest.param(("scans", 0, "told"), {"moved": 1}, id="told of no verdict"),
+        pytest.param(("prior", "kind"), "dwg", id="unknown kind of prior"),
+        pytest.param(("prior", "unit"), 0.0, id="a unit without length"),
+        pytest.param(("prior", "folder"), "/home", id="more of the prior than its name"),
         pytest.param(("sentences",), [1], id="a sentence that is a number"),
         pytest.param(("guesses",), [], id="unknown block"),
     ],
@@ -160,7 +169,11 @@ def test_the_schema_refuses_what_is_wrong(true_report, place, value):
 
 
 def test_the_schema_misses_every_key_that_is_left_out(true_report):
-    blocks = [true_report, *(true_report[name][0] for name in ("mismatches", "elements", "scans"))]
+    blocks = [
+        true_report,
+        true_report["prior"],
+        *(true_report[name][0] for name in ("mismatches", "elements", "scans")),
+    ]
     for block in blocks:
         for name in list(block):
             value = block.pop(name)

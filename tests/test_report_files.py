@@ -15,7 +15,7 @@ from test_report import random_detection
 from jaxmm.evidence import SUPPORT
 from jaxmm.mismatch_points import MARGIN, inside, mismatch_points
 from jaxmm.notebook import detection_html
-from jaxmm.report import ElementVerdict, Mismatch, ScanRecord
+from jaxmm.report import ElementVerdict, Mismatch, PriorFile, ScanRecord
 from jaxmm.report_files import (
     ADDED_COLOR,
     PLAIN_FILES,
@@ -77,7 +77,12 @@ def hostile(detection):
     scans = tuple(detection.scans[0]._replace(file=name, notes=(name,)) for name in HOSTILE)
     settings = {name: name for name in HOSTILE}
     return detection._replace(
-        mismatches=mismatches, elements=named(HOSTILE), scans=scans, notes=HOSTILE, settings=settings
+        mismatches=mismatches,
+        elements=named(HOSTILE),
+        scans=scans,
+        notes=HOSTILE,
+        settings=settings,
+        prior=PriorFile("".join(HOSTILE), "ifc", 1.0, HOSTILE[0]),
     )
 
 

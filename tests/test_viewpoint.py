@@ -9,9 +9,11 @@ import pytest
 from jaxmm import thesis
 from jaxmm.inputs import InputError
 from jaxmm.preprocess import voxel_downsample
-from jaxmm.viewpoint import estimate
+from jaxmm.room_scans import room_cases
+from jaxmm.viewpoint import doubts_about, estimate
 from warp_scanner.pairs import PRESETS, make_pairs
 from warp_scanner.points import points_of
+from warp_scanner.voxels import thin_clouds
 
 RELEASED_VIEW = (80.0, 60.0)  # [deg] what the released scans fill; the text says 80 x 55
 ROOM_COUNT = 3
@@ -239,3 +241,18 @@ def test_impossible_arguments_are_refused():
         estimate(points, pitch=90.0)
     with pytest.raises(ValueError, match=r"\(N, 3\)"):
         estimate(points[:, :2])
+
+
+def test_a_pose_that_the_points_contradict_is_doubted_and_the_true_one_is_not():
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    doubted = 0
+    for case in room_cases("all_four", "occluded", 23, range(12)):
+        scan = case.scan
+        thin = scan.points[thin_clouds([scan.points], 0.1)[0]]
+        view = scan.sensor.horizontal_fov, scan.sensor.vertical_fov
+        assert doubts_about(thin, scan.position, scan.rotation, view) == []
+        (doubt,) = doubts_about(thin, scan.position, turned @ scan.rotation, view)
+        assert "outside the sensor's view" in doubt and "\n" not in doubt
+        assert doubts_about(thin, scan.position, turned @ scan.rotation, None) == []
+        doubted += bool(doubts_about(thin, scan.position + np.array([1.5, -1.5, 0.0]), scan.rotation, view))
+    assert doubted > 8

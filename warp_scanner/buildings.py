@@ -67,6 +67,8 @@ class Building(NamedTuple):
     notes: tuple[str, ...]  # what was assumed or mended, a sentence each
     to_map: np.ndarray | None  # (4, 4) float64 world to map grid [m], where the file is georeferenced
     flaws: tuple[Failure, ...] = ()  # elements that are there, but whose surface cannot be that of a solid
+    unit: float = 1.0  # [m] length of the file's unit
+    project: str | None = None  # GlobalId of the IfcProject, of an IFC file
 
 
 class Part(NamedTuple):
@@ -109,6 +111,8 @@ class Found(NamedTuple):
     notes: tuple[str, ...] = ()
     to_map: np.ndarray | None = None
     flaws: tuple[Failure, ...] = ()
+    unit: float = 1.0
+    project: str | None = None
 
 
 NO_STOREYS = Storeys((), (), np.zeros(0))
@@ -154,8 +158,9 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
     )
     triangles = _joined(solid, origin, elements.semantic)
     return Building(
-        elements, triangles, origin, storeys, tuple(failures), zero_area, tuple(notes), found.to_map, found.flaws
-    )
+        elements, triangles, origin, storeys, tuple(failures), zero_area, tuple(notes), found.to_map, found.flaws,
+        found.unit, found.project,
+    )  # fmt: skip
 
 
 def remarks(building: Building) -> list[str]:

@@ -1,21 +1,34 @@
 """Runs a reader in a process of its own: a library that a damaged file crashes or stalls then costs one line, not all.
 
 For libraries in C++ that check little of what they are given. Starting such a process takes about as long as importing
-the library, half a second.
+the library, half a second. What goes between the two is JSON and an .npz archive without pickles: whatever a damaged
+file makes of the reader, its answer carries no code.
 """
 
 import importlib
+import io
+import json
 import os
-import pickle
 import resource
 import signal
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
+import numpy as np
+
+_WORDS = "/words"  # where the archive holds the JSON; no array has such a name
 _SLEEP = 20  # times as long by the clock, for a reader that waits for what never comes
+
+
+class Plain(NamedTuple):
+    """What may be answered."""
+
+    words: Any  # what JSON knows; tuples come back as lists
+    arrays: dict[str, np.ndarray]  # by name; of numbers, truth values or text
 
 
 class Limits(NamedTuple):
@@ -31,25 +44,26 @@ def limits_for(path: Path) -> Limits:
     return Limits(60 + 60 * size // 1_000_000, (4 << 30) + 200 * size)
 
 
-def read_guarded(read: Callable[[Path, Any], Any], path: Path, options: Any, limits: Limits) -> Any:
+def read_guarded(read: Callable[[Path, Any], Plain], path: Path, options: Any, limits: Limits) -> Plain:
     """read(path, options), made in a process of its own.
 
     Args:
-        read: a function at the top of a module, whose result can be pickled.
+        read: a function at the top of a module.
         path: the file.
-        options: whatever `read` takes besides, which can be pickled.
+        options: whatever `read` takes besides, of what JSON knows.
         limits: what it may take.
 
     Raises:
-        ValueError: `read` raised it, with the same words; or its process crashed, or exceeded the limits.
+        ValueError: `read` raised it, with the same words; or its process crashed, exceeded the limits, or answered
+            anything but a whole `Plain`.
     """
-    request = pickle.dumps((read.__module__, read.__name__, path, options, limits))
+    request = json.dumps([read.__module__, read.__name__, str(path), options, limits])
     # The same modules must be found there as here, and none by the chance of the folder that it starts in (-P).
     paths = os.pathsep.join(place for place in sys.path if place)
     try:
         done = subprocess.run(
             [sys.executable, "-P", "-c", f"from {__name__} import answer; answer()"],
-            input=request, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=_SLEEP * limits.seconds,
+            input=request.encode(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=_SLEEP * limits.seconds,
             env=os.environ | {"PYTHONPATH": paths}, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired as error:
@@ -59,10 +73,13 @@ def read_guarded(read: Callable[[Path, Any], Any], path: Path, options: Any, lim
     if done.returncode:
         how = f"was killed by {signal.Signals(-done.returncode).name}" if done.returncode < 0 else "ended"
         raise ValueError(f"{path}: expected a whole file: the reader {how} within it")
-    made, value = pickle.loads(done.stdout)
+    try:
+        made, plain = _loaded(done.stdout)
+    except (ValueError, TypeError, KeyError, OSError, EOFError, MemoryError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path}: expected a whole file: the reader's answer cannot be read") from error
     if not made:
-        raise ValueError(value)
-    return value
+        raise ValueError(plain.words)
+    return plain
 
 
 def _stalled(limits: Limits) -> str:
@@ -74,16 +91,29 @@ def answer() -> None:
     with os.fdopen(os.dup(1), "wb") as out:
         silence = os.open(os.devnull, os.O_WRONLY)
         os.dup2(silence, 1)  # libraries may say what they like there
-        module, name, path, options, limits = pickle.load(sys.stdin.buffer)
+        module, name, path, options, limits = json.load(sys.stdin.buffer)
         read = getattr(importlib.import_module(module), name)
+        limits = Limits(*limits)
         _limit(resource.RLIMIT_AS, limits.memory)
         _limit(resource.RLIMIT_CPU, limits.seconds)
         _limit(resource.RLIMIT_CORE, 0)
         try:
-            reply = True, read(path, options)
+            made, plain = True, read(Path(path), options)
         except ValueError as error:
-            reply = False, str(error)
-        pickle.dump(reply, out, pickle.HIGHEST_PROTOCOL)
+            made, plain = False, Plain(str(error), {})
+        _save(out, made, plain)
+
+
+def _save(out: BinaryIO, made: bool, plain: Plain) -> None:
+    words = np.frombuffer(json.dumps([made, plain.words]).encode(), np.uint8)
+    np.savez(out, allow_pickle=False, **{_WORDS: words}, **plain.arrays)
+
+
+def _loaded(reply: bytes) -> tuple[bool, Plain]:
+    with np.load(io.BytesIO(reply), allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    made, words = json.loads(arrays.pop(_WORDS).tobytes())
+    return made, Plain(words, arrays)
 
 
 def _limit(what: int, most: int) -> None:

@@ -6,6 +6,7 @@ door or window is put together from (plates, members, layers) belongs to it; all
 roofs) stays as its parts. Elements whose shape cannot be made are listed with the reason.
 """
 
+import dataclasses
 import itertools
 import os
 import re
@@ -15,8 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from warp_scanner.building_arrays import packed, unpacked
 from warp_scanner.buildings import AS_IT_IS, Building, Failure, Found, Part, ReadOptions, Storeys, assemble
-from warp_scanner.guarded import limits_for, read_guarded
+from warp_scanner.guarded import Plain, limits_for, read_guarded
 from warp_scanner.ifc_maps import to_map
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
 
@@ -83,7 +85,11 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
     path = Path(path)
     _check_text(path)
     import_ifcopenshell()
-    return read_guarded(parse_ifc, path, options, limits_for(path))
+    return unpacked(read_guarded(_parsed, path, dataclasses.asdict(options), limits_for(path)))
+
+
+def _parsed(path: Path, options: dict[str, Any]) -> Plain:
+    return packed(parse_ifc(path, ReadOptions(**options)))
 
 
 def parse_ifc(path: Path, options: ReadOptions) -> Building:
@@ -126,7 +132,9 @@ def _building(path: Path, options: ReadOptions) -> Building:
         if product.id() not in shown
     ]
     placed, assumed = to_map(model, unit)
-    return assemble(str(path), parts, Found(storeys, tuple(failures), notes + left_out + repeated + assumed, placed))
+    project = next((str(one.GlobalId) for one in model.by_type("IfcProject") if one.GlobalId), None)
+    told = notes + left_out + repeated + assumed
+    return assemble(str(path), parts, Found(storeys, tuple(failures), told, placed, unit=unit, project=project))
 
 
 def _products(model: Any) -> tuple[list[Any], tuple[str, ...]]:

@@ -1,5 +1,8 @@
 """Reads mesh files (OBJ, PLY, GLB, GLTF, STL) through trimesh: every node with a surface becomes one element.
 
+Where no node's name tells what it is, the mesh is taken apart at its gaps, and walls, pillars and floors are told by
+shape; what is of one piece with everything else stays one element of no class.
+
 Rays meet whatever surface there is, so open ones and edges of more than two triangles are kept; the latter are listed.
 """
 
@@ -13,12 +16,16 @@ from typing import Any
 import numpy as np
 
 from warp_scanner.buildings import AS_IT_IS, NO_STOREYS, Building, Failure, Found, Part, ReadOptions, assemble
+from warp_scanner.mesh_pieces import pieces_of
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
 
 SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl")
 _GLTF = (".glb", ".gltf")  # their standard has y up
 _WORDS = (("wall", WALL), ("column", PILLAR), ("pillar", PILLAR), ("door", DOOR), ("window", WINDOW), ("floor", FLOOR),
           ("slab", FLOOR), ("ceiling", CEILING), ("roof", CEILING), ("furniture", FURNITURE))  # fmt: skip
+
+_SHAPES = (("walls", WALL), ("columns", PILLAR), ("floors", FLOOR))
+MOST_PIECES = 5000  # of a node; a mesh of more is of scanned points, not of a model
 
 
 def read_mesh(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
@@ -49,12 +56,32 @@ def read_mesh(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
         parts.append(Part(guid, "", name, -1, semantic, vertices, np.asarray(mesh.faces, np.int64).reshape(-1, 3)))
     if not parts:
         raise ValueError(f"{path}: expected a mesh with faces, found none")
+    parts, notes = _by_shape(parts) if all(part.semantic == OTHER for part in parts) else (parts, ())
     flaws = [
         Failure(part.guid, "", part.name, f"more than two triangles meet in {count} of its edges")
         for part in parts
         if (count := crowded_edges(part.vertices, part.faces))
     ]
-    return assemble(str(path), parts, Found(NO_STOREYS, flaws=tuple(flaws)))
+    return assemble(str(path), parts, Found(NO_STOREYS, notes=notes, flaws=tuple(flaws), unit=options.unit))
+
+
+def _by_shape(parts: list[Part]) -> tuple[list[Part], tuple[str, ...]]:
+    """The connected pieces of all parts, each of the class that its shape speaks of, and what was done, in words."""
+    told: list[Part] = []
+    for part in parts:
+        sound = np.isfinite(part.vertices).all() and len(part.faces) and 0 <= part.faces.min() <= part.faces.max()
+        pieces = pieces_of(part.vertices, part.faces) if sound and part.faces.max() < len(part.vertices) else []
+        if not 0 < len(pieces) <= MOST_PIECES:
+            told.append(part)
+            continue
+        for number, piece in enumerate(pieces):
+            guid = part.guid if len(pieces) == 1 else f"{part.guid}#{number}"
+            told.append(part._replace(guid=guid, name=guid, semantic=piece.semantic, faces=piece.faces))
+    if len({part.guid for part in told}) < len(told):  # a file may use such names itself
+        return parts, ()
+    count = {name: sum(part.semantic == kind for part in told) for name, kind in _SHAPES}
+    classes = ", ".join(f"{number} {name}" for name, number in count.items())
+    return told, (f"no name in the mesh tells what it is of; by the shape of its {len(told)} pieces: {classes}",)
 
 
 def crowded_edges(vertices: np.ndarray, faces: np.ndarray) -> int:

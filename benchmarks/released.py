@@ -1,0 +1,121 @@
+"""What `detect` finds in the thesis's released scan pairs: one cloud is the prior, the other the scan.
+
+    python -m benchmarks.released ROOT [--rooms test|train] [--json FILE]
+
+ROOT is the thesis's repository. No pose is given: it is estimated from the cloud of the scan, with the field of view
+of the camera that the thesis used. Prints, for each pair, the objects of the scenario that were found, how far
+off they are, and every other mismatch, which is false.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.timing import write_report
+from jaxmm import detect
+from jaxmm.box_match import footprint, match_boxes
+from jaxmm.boxes import Box
+from jaxmm.detect_files import Reading
+from jaxmm.files import load_json
+from jaxmm.report import Detection, box_of
+from jaxmm.thesis import ThesisPair, find_pairs, read_pair
+from warp_scanner.sensors import Pinhole
+
+CAMERA = Pinhole(width=320, height=240, horizontal_fov=80.0, vertical_fov=60.0)
+APART = 0.5  # [m] between the points of two objects
+
+
+def run(root: Path, rooms: str) -> list[dict[str, Any]]:
+    """One row for each pair."""
+    return [row_of(pair) for pair in find_pairs(root, rooms)]
+
+
+def row_of(pair: ThesisPair) -> dict[str, Any]:
+    """One pair."""
+    added = pair.scenario.endswith("added")
+    prior, scan = (pair.other, pair.scored) if added else (pair.scored, pair.other)
+    found = detect(prior, scan, reading=Reading(sensor=CAMERA))
+    return {
+        "case": f"{pair.source} {pair.room} {pair.scenario} {pair.condition}",
+        "pose": [round(value, 3) for value in found.scans[0].pose],
+        "registration": found.registration,
+        **compared(found, pair),
+    }
+
+
+def compared(found: Detection, pair: ThesisPair) -> dict[str, Any]:
+    """Found objects against the true ones: by released boxes where there are some, by labelled points always."""
+    kind, change = pair.scenario.split("_")
+    true = read_pair(pair)
+    places = true.points[true.label].astype(np.float64)
+    mine = [one for one in found.mismatches if (one.object_type, one.mismatch_type) == (kind, change)]
+    holding = [float(np.mean(_beside(box_of(one), places) <= 0.1)) for one in mine]
+    right = [one for one, share in zip(mine, holding, strict=True) if share > 0.1]
+    told = [
+        {
+            "type": one.object_type, "change": one.mismatch_type, "center": np.round(one.center, 3).tolist(),
+            "dimensions": np.round(one.dimensions, 3).tolist(), "probability": round(one.probability, 3),
+            "right": any(one is other for other in right),
+        }
+        for one in found.mismatches
+    ]  # fmt: skip
+    return {
+        "labelled_points": len(places), "held": round(max(holding, default=0.0), 3), "found": len(right),
+        "false": len(found.mismatches) - len(right), "boxes": _against_boxes(found, pair), "mismatches": told,
+    }  # fmt: skip
+
+
+def _against_boxes(found: Detection, pair: ThesisPair) -> list[dict[str, Any]]:
+    """Every released box of the pair, and the found one that stands for it."""
+    _, change = pair.scenario.split("_")
+    true = [
+        Box(one["label"], np.array(one["center"]), np.array(one["dimensions"]), float(one["rotation"]))
+        for path in sorted(pair.scored.parent.parent.glob("bounding_boxes/*.json"))
+        for one in load_json(path)["objects"]
+    ]
+    boxes = [box_of(one) for one in found.mismatches if one.mismatch_type == change]
+    told = []
+    matches = {match.truth: match for match in match_boxes(boxes, true)}
+    for number, box in enumerate(true):
+        match = matches.get(number)
+        off = boxes[match.found].center - box.center if match else None
+        turn = np.radians(box.rotation) + (np.pi / 2 if box.dimensions[0] >= box.dimensions[1] else 0.0)
+        told.append({
+            "true": np.round([*box.center, *box.dimensions], 3).tolist(),
+            "overlap": round(match.overlap, 3) if match else None,
+            "center_off": round(float(np.linalg.norm(off[:2])), 3) if match else None,
+            "plane_off": round(abs(float(off[:2] @ [np.cos(turn), np.sin(turn)])), 3) if match else None,
+        })  # fmt: skip
+    return told
+
+
+def _beside(box: Box, points: np.ndarray) -> np.ndarray:
+    """How far (n,) [m] points (n, 3) lie outside a box in plan, along the axis on which they are furthest."""
+    corners = footprint(box, box.center[:2])
+    axes = np.stack([corners[1] - corners[0], corners[3] - corners[0]])
+    length = np.linalg.norm(axes, axis=1)
+    return (np.abs((points[:, :2] - box.center[:2]) @ (axes / length[:, None]).T) - length / 2).max(axis=1)
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Rows as Markdown."""
+    lines = ["| pair | labelled points in the box | found | false | released boxes: overlap, plan, plane [m] |"]
+    lines.append("| --- | --- | --- | --- | --- |")
+    for row in rows:
+        boxes = "; ".join(f"{one['overlap']}, {one['center_off']}, {one['plane_off']}" for one in row["boxes"])
+        lines.append(f"| {row['case']} | {row['held']:.3f} | {row['found']} | {row['false']} | {boxes or '-'} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("root", type=Path, metavar="ROOT")
+    parser.add_argument("--rooms", choices=("test", "train"), default="test")
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    asked = parser.parse_args()
+    result = run(asked.root, asked.rooms)
+    print(table(result))
+    if asked.json:
+        write_report(asked.json, result)
