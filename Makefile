@@ -3,10 +3,14 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test setup setup-peers weights lint bench fuzz clean
+.PHONY: demo paper test setup setup-peers weights lint bench fuzz clean
 
 demo: setup
 	$(BIN)/jaxmm reproduce configs/demo.toml
+
+# Table I whole, with ablations, buildings, sweeps and the thesis's scans (those where JAXMM_DATA holds them): 90 minutes.
+paper: setup
+	$(BIN)/jaxmm reproduce configs/paper.toml
 
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile

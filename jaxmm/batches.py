@@ -61,10 +61,12 @@ def features_of(
 ) -> np.ndarray:
     """The network's input (N, F) float32: the NN distance [m], after absolute coordinates [m] for `xyz_nn`.
 
-    For `evidence` it is the evidence itself.
+    For `xyz` it is the coordinates alone, for `evidence` the evidence itself.
     """
     if method == "evidence":
         return np.asarray(evidence, np.float32)
+    if method == "xyz":
+        return np.asarray(points, np.float32)
     column = np.asarray(distance, np.float32)[:, None]
     return column if TRAINED_METHODS[method] == 1 else np.concatenate([np.asarray(points, np.float32), column], axis=1)
 
@@ -79,6 +81,7 @@ class Sampler(NamedTuple):
     point_count: int  # points per cloud; longer clouds are thinned at random, shorter ones padded
     copies: int  # 4 with the augmented copies of each cloud, else 1
     seed: int
+    numbers: tuple[int, ...] | None = None  # of the scenarios, if they are not the first of config.SCENARIOS
 
     def batch(self, step: int) -> Batch:
         """The batch of training step `step`, counted from 0. Each epoch is a new permutation of clouds and copies."""
@@ -94,19 +97,24 @@ class Sampler(NamedTuple):
             scored=np.zeros(shape, bool),
             seeds=self._seeds(step)[:, slots.start : slots.stop],
         )
-        for scenario, clouds in enumerate(self.clouds):
+        for row, (scenario, clouds) in enumerate(zip(self.scenarios, self.clouds, strict=True)):
             for slot in slots:
                 epoch, place = divmod(step * self.batch_size + slot, len(clouds) * self.copies)
                 item = _epoch_order(self.seed, scenario, epoch, len(clouds) * self.copies)[place]
                 index, copy = divmod(int(item), self.copies)
                 rng = _generator(self.seed, 1, scenario, step, slot)
                 cloud = self._moved(clouds[index], scenario, index, copy)
-                _fill(batch, (scenario, slot - slots.start), cloud, self, rng)
+                _fill(batch, (row, slot - slots.start), cloud, (self, scenario), rng)
         return batch
 
+    @property
+    def scenarios(self) -> tuple[int, ...]:
+        """Numbers of the scenarios: a scenario's draws are its own, whichever others are drawn beside it."""
+        return tuple(range(len(self.clouds))) if self.numbers is None else self.numbers
+
     def _seeds(self, step: int) -> np.ndarray:
-        shape = (len(self.clouds), self.batch_size)
-        return _generator(self.seed, 0, step).integers(0, 2**32, shape, np.uint32)
+        shape = (max(self.scenarios) + 1, self.batch_size)  # filled row by row: more rows change none before them
+        return _generator(self.seed, 0, step).integers(0, 2**32, shape, np.uint32)[list(self.scenarios)]
 
     def _moved(self, cloud: LabelledCloud, scenario: int, index: int, copy: int) -> LabelledCloud:
         """Copy 0 is the cloud itself; 1 to 3 are its fixed augmentations."""
@@ -117,7 +125,11 @@ class Sampler(NamedTuple):
 
 
 def validation_batch(
-    clouds: Sequence[Sequence[LabelledCloud]], method: str, label_kind: str, point_count: int
+    clouds: Sequence[Sequence[LabelledCloud]],
+    method: str,
+    label_kind: str,
+    point_count: int,
+    numbers: tuple[int, ...] | None = None,
 ) -> Batch:
     """All validation clouds as one batch, B the most of any scenario; thinned to at most `point_count` points."""
     shape = (len(clouds), max(map(len, clouds)), point_count)
@@ -128,19 +140,19 @@ def validation_batch(
         np.zeros(shape, bool),
         np.zeros(shape[:2], np.uint32),
     )
-    sampler = Sampler(clouds, method, label_kind, shape[1], point_count, 1, 0)
-    for scenario, members in enumerate(clouds):
+    sampler = Sampler(clouds, method, label_kind, shape[1], point_count, 1, 0, numbers)
+    for row, (scenario, members) in enumerate(zip(sampler.scenarios, clouds, strict=True)):
         for slot, cloud in enumerate(members):
-            _fill(batch, (scenario, slot), cloud, sampler, _generator(0, 3, scenario, slot))
+            _fill(batch, (row, slot), cloud, (sampler, scenario), _generator(0, 3, scenario, slot))
     return batch
 
 
 def _fill(
-    batch: Batch, place: tuple[int, int], cloud: LabelledCloud, sampler: Sampler, rng: np.random.Generator
+    batch: Batch, place: tuple[int, int], cloud: LabelledCloud, drawn: tuple[Sampler, int], rng: np.random.Generator
 ) -> None:
-    count = len(cloud.points)
+    (sampler, scenario), count = drawn, len(cloud.points)
     chosen = np.arange(count) if count <= sampler.point_count else rng.permutation(count)[: sampler.point_count]
-    labels, void = labels_of(cloud, _kind_of(sampler.label_kind, place[0]))
+    labels, void = labels_of(cloud, _kind_of(sampler.label_kind, scenario))
     batch.features[place][: len(chosen)] = features_of(
         sampler.method, cloud.points[chosen], cloud.distance[chosen], cloud.evidence[chosen]
     )

@@ -19,7 +19,7 @@ MULTI_SCENARIOS = (
     "wall_moved",
 )  # fmt: skip
 SCENES = (*SCENARIOS, UNCHANGED, *MULTI_SCENARIOS)
-TRAINED_METHODS = {"nn": 1, "xyz_nn": 4, "evidence": 29}  # method -> features per point
+TRAINED_METHODS = {"nn": 1, "xyz_nn": 4, "evidence": 29, "xyz": 3}  # method -> features per point
 
 
 class ConfigError(InputError):
@@ -71,12 +71,16 @@ class DataConfig:
     train_seed: int = bounded(1, 0, 2**63 - 1)
     validation_seed: int = bounded(2, 0, 2**63 - 1)
     test_seed: int = bounded(3, 0, 2**63 - 1)
-    source: str = one_of("rooms", "rooms", "shards")  # of training clouds: rooms made as asked above, or stored ones
+    # Of training clouds: rooms made as asked above, stored ones, or the scans of the thesis's repository.
+    source: str = one_of("rooms", "rooms", "shards", "thesis")
     shards: str = ""  # folder that `jaxmm generate` wrote; all its pairs train, whatever train_rooms says
+    thesis: str = ""  # folder of that repository; its last training room validates, the others train
 
     def __post_init__(self):
-        if (self.source == "shards") != bool(self.shards):
-            raise ConfigError(f"shards must name a folder if, and only if, source is shards, got {self.shards!r}")
+        for name in ("shards", "thesis"):
+            if (self.source == name) != bool(getattr(self, name)):
+                got = repr(getattr(self, name))
+                raise ConfigError(f"{name} must name a folder if, and only if, source is {name}, got {got}")
         seeds = (self.train_seed, self.validation_seed, self.test_seed)
         if len(set(seeds)) < 3:
             raise ConfigError(f"train, validation and test seeds must differ, got {seeds}")
@@ -175,6 +179,32 @@ class EvaluateConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class PaperConfig:
+    """What `jaxmm reproduce` makes beyond the eight rows of the individual models, when rows is "all"."""
+
+    rows: str = one_of("individual", "individual", "all")  # of Table I; all: with everything below
+    multi_rooms: int = bounded(40, 1, MOST_ROOMS)  # test rooms of each row with several changes
+    buildings: int = bounded(20, 1, MOST_ROOMS)  # procedural ones, for the semi-real rows
+    views: int = bounded(2, 1, 1000)  # of each building and row
+    file_views: int = bounded(4, 0, 1000)  # of each IFC file of JAXMM_DATA and row
+    # The compact networks of the scaling study, all with the same number of updates.
+    scaling_rooms: tuple[int, ...] = bounded((12, 100, 1_000, 10_000), 1, MOST_ROOMS)  # of each model, nested
+    scaling_steps: int = bounded(1250, 1)
+    scaling_batch: int = bounded(8, 1, 4096)
+    scaling_points: int = bounded(512, 16)  # that are kept of each cloud
+    scaling_test_rooms: int = bounded(40, 1, MOST_ROOMS)
+    # How accuracy falls: test scenes only, each level with so many occluded rooms of every scenario.
+    sweep_rooms: int = bounded(20, 0, MOST_ROOMS)
+    furniture: tuple[int, ...] = bounded((2, 8, 20, 44), 0, 200)  # places for tables and chairs
+    range_noise: tuple[float, ...] = bounded((0.0, 0.02, 0.05, 0.1), 0.0, 1.0)  # [m] standard deviation
+    misalignment: tuple[float, ...] = bounded((0.0, 0.02, 0.05, 0.1, 0.3), 0.0, 1.0)  # [m], with 20 degrees a metre
+
+    def __post_init__(self):
+        if list(self.scaling_rooms) != sorted(set(self.scaling_rooms)):
+            raise ConfigError(f"scaling_rooms must grow, got {list(self.scaling_rooms)}")
+
+
+@dataclasses.dataclass(frozen=True)
 class Config:
     """Everything a run needs. `scan` and `room` are for the simulator, and checked in jaxmm/simulator.py."""
 
@@ -187,8 +217,11 @@ class Config:
     loss: LossConfig = LossConfig()
     train: TrainConfig = TrainConfig()
     evaluate: EvaluateConfig = EvaluateConfig()
+    paper: PaperConfig = PaperConfig()
 
     def __post_init__(self):
+        if self.data.source == "thesis" and (self.train.labels != "heuristic" or "evidence" in self.train.methods):
+            raise ConfigError('data: source thesis needs train.labels = "heuristic", and knows no evidence')
         if "evidence" in self.train.methods and self.preprocess.evidence == "none":
             raise ValueError("train: the method evidence needs some evidence in [preprocess], got none")
 

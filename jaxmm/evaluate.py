@@ -25,6 +25,12 @@ class RoomTruth(NamedTuple):
     index: int
     box: Box  # of the changed object
     observable_fraction: float  # testable rays of the object over the rays that would hit it if it stood alone
+    others: tuple[Box, ...] = ()  # further changed objects of the same kind
+
+    @property
+    def boxes(self) -> list[Box]:
+        """All changed objects of the kind that is looked for; none where nothing of it changed."""
+        return [box for box in (self.box, *self.others) if np.isfinite(box.center).all()]
 
 
 def predict(model: Model, features: np.ndarray, network: NetworkConfig) -> np.ndarray:
@@ -64,12 +70,12 @@ def score_room(cloud: LabelledCloud, truth: RoomTruth, scenario: str, scores: di
     methods = {}
     for method, score in scores.items():
         boxes = find_boxes(cloud.points, score, scenario, method, config)
-        right = {match.found for match in match_boxes(boxes, [truth.box])}
+        right = {match.found for match in match_boxes(boxes, truth.boxes)}
         methods[method] = {
             "boxes": [box_as_json(box, scenario) | {"right": i in right} for i, box in enumerate(boxes)],
             "boxes_matched": len(right),
             "boxes_found": len(boxes),
-            "boxes_true": 1,
+            "boxes_true": len(truth.boxes),
             "metrics": {kind: point_metrics(score, *labels[kind])._asdict() for kind in LABEL_KINDS},
         }
         if method in TRAINED_METHODS:
@@ -80,8 +86,9 @@ def score_room(cloud: LabelledCloud, truth: RoomTruth, scenario: str, scores: di
         "room": truth.index,
         "points": len(cloud.points),
         "positives": {"heuristic": int(cloud.heuristic.sum()), "true": int((cloud.true & cloud.testable).sum())},
-        "observable_fraction": truth.observable_fraction,
-        "true_box": box_as_json(truth.box, scenario),
+        "observable_fraction": truth.observable_fraction if truth.boxes else None,
+        "true_box": box_as_json(truth.boxes[0], scenario) if truth.boxes else None,
+        **({"other_boxes": [box_as_json(box, scenario) for box in truth.others]} if truth.others else {}),
         "methods": methods,
     }
 

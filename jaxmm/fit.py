@@ -14,6 +14,7 @@ import orbax.checkpoint as ocp
 
 from jaxmm.batches import Batch, Sampler
 from jaxmm.config import TRAINED_METHODS, Config
+from jaxmm.joint import Joint
 from jaxmm.loading import batches
 from jaxmm.train import Model, TrainState, Validation, init_all, train_step_all, validate_all
 
@@ -30,7 +31,11 @@ class Progress(NamedTuple):
 
 
 def fit(
-    sampler: Sampler, validation: Batch, config: Config, folder: Path, report: Callable[[int, list[Record]], None]
+    sampler: Sampler | Joint,
+    validation: Batch,
+    config: Config,
+    folder: Path,
+    report: Callable[[int, list[Record]], None],
 ) -> tuple[Model, list[Record]]:
     """Train until every model has stopped or `step_count` is reached; resumes from the newest checkpoint in `folder`.
 
@@ -49,9 +54,7 @@ def fit(
     # do its writers that the error interrupted.
     for name in ("absl", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    key = jax.random.fold_in(jax.random.key(config.seed), list(TRAINED_METHODS).index(sampler.method))
-    states = init_all(key, TRAINED_METHODS[sampler.method], config, len(sampler.clouds))
-    size = len(sampler.clouds)
+    states, size = _fresh(sampler, config), len(sampler.clouds)
     best = jax.tree.map(jnp.copy, states.model)  # the step donates the states, and would take these along
     progress = Progress(states, best, jnp.full(size, jnp.inf), jnp.zeros(size, jnp.int32))
     options = ocp.CheckpointManagerOptions(
@@ -77,6 +80,13 @@ def fit(
                 _save(manager, step, progress, records)
             report(step, records)
     return progress.best, records
+
+
+def _fresh(sampler: Sampler | Joint, config: Config) -> TrainState:
+    if isinstance(sampler, Joint):
+        return sampler.states(config)
+    key = jax.random.fold_in(jax.random.key(config.seed), list(TRAINED_METHODS).index(sampler.method))
+    return init_all(key, TRAINED_METHODS[sampler.method], config, len(sampler.clouds))
 
 
 @partial(jax.jit, static_argnames="patience")

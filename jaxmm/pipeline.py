@@ -1,6 +1,6 @@
 """Joins simulator and learning: rooms are scanned and become labelled clouds, for training and for evaluation."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from jaxmm.boxes import Box
 from jaxmm.config import Config
 from jaxmm.evaluate import RoomTruth
 from jaxmm.files import REMEDY, load_arrays, write_arrays
-from jaxmm.gathering import gather
+from jaxmm.gathering import Seen, gather
 from jaxmm.inputs import InputError
 from jaxmm.labels import filter_labels, heuristic_labels
 from jaxmm.localisation import localised
@@ -21,6 +21,8 @@ from warp_scanner.pairs import Pairs, make_pairs
 from warp_scanner.points import Kept
 from warp_scanner.scenes import PILLAR, WALL
 
+# Evidence (N, F) of every pair, from settings, source, pairs, what both sides show, and a number of threads.
+Gatherer = Callable[[Config, CloudSource, Pairs, Seen, int | None], list[np.ndarray]]
 RAYS_AT_ONCE = 32 * 64_000  # of the rooms that are scanned together: bounds the memory
 _CLASSES = {"pillar": PILLAR, "wall": WALL}
 
@@ -55,7 +57,12 @@ def pairs_of(config: Config, source: CloudSource, index: np.ndarray, threads: in
 
 
 def clouds_of(
-    config: Config, source: CloudSource, pairs: Pairs, threads: int | None = None, sides: Sides | None = None
+    config: Config,
+    source: CloudSource,
+    pairs: Pairs,
+    threads: int | None = None,
+    sides: Sides | None = None,
+    gatherer: Gatherer = gather,
 ) -> list[LabelledCloud]:
     """Label the side of every pair that the scenario's model sees.
 
@@ -65,17 +72,18 @@ def clouds_of(
         pairs: scans of R rooms.
         threads: how many to use; by default as many as the machine has cores.
         sides: from `sides_of`, for models that share their pairs; made here when left out.
+        gatherer: of the evidence, with the arguments of `gather`.
     """
     seen, other = sides or sides_of(config, pairs, threads)
     if not source.scenario.endswith("removed"):
         seen, other = other, seen
-    distances = _distances(pairs, seen, other, threads)
-    evidence = gather(config, source, pairs, (seen, other, distances), threads)
+    distances = distances_of(pairs, seen, other, threads)
+    evidence = gatherer(config, source, pairs, (seen, other, distances), threads)
     rows = range(len(seen))
     return [_labelled(config, source, pairs, row, (seen[row], distances[row], evidence[row])) for row in rows]
 
 
-def _distances(pairs: Pairs, seen: list[Kept], other: list[Kept], threads: int | None) -> list[np.ndarray]:
+def distances_of(pairs: Pairs, seen: list[Kept], other: list[Kept], threads: int | None) -> list[np.ndarray]:
     """Distance (N,) float32 [m] of each point to the other cloud of its pair, measured in float64."""
     # Where the sensor faces a wall so closely that nothing it sees counts as structure, all is far from nothing.
     farthest = np.linalg.norm(pairs.size, axis=1)
@@ -95,10 +103,18 @@ def _labelled(
     scan, testable = (pairs.dt, pairs.testable_dt) if removed else (pairs.robot, pairs.testable_robot)
     element = scan.element[row, pixel]
     changed = np.isin(element, pairs.box.element[row, changes_of(source.scenario, pairs, row)])
-    heuristic = heuristic_labels(distance, config.preprocess.label_distance)
-    if removed and config.preprocess.label_filter in (source.condition, "always"):
-        heuristic = filter_labels(points, element, heuristic, source.scenario.split("_")[0])
+    heuristic = heuristic_of(config, source, points, element, distance)
     return LabelledCloud(points, distance, element, heuristic, changed, testable[row, pixel], evidence)
+
+
+def heuristic_of(
+    config: Config, source: CloudSource, points: np.ndarray, element: np.ndarray, distance: np.ndarray
+) -> np.ndarray:
+    """The thesis's labels (N,) bool of points (N, 3) with their elements (N,), from distances (N,) [m]."""
+    heuristic = heuristic_labels(distance, config.preprocess.label_distance)
+    if source.scenario.endswith("removed") and config.preprocess.label_filter in (source.condition, "always"):
+        heuristic = filter_labels(points, element, heuristic, source.scenario.split("_")[0])
+    return heuristic
 
 
 def changes_of(scenario: str, pairs: Pairs, row: int) -> np.ndarray:
@@ -110,15 +126,14 @@ def changes_of(scenario: str, pairs: Pairs, row: int) -> np.ndarray:
 
 
 def truth_of(source: CloudSource, pairs: Pairs, row: int, index: int) -> RoomTruth:
-    """The first object of the kind that the model looks for in room number `index`, which is row `row` of the pairs."""
+    """The objects of the kind that the model looks for in room number `index`, which is row `row` of the pairs."""
     kind, box = source.scenario.split("_")[0], pairs.box
     wanted = changes_of(source.scenario, pairs, row)
     if not len(wanted):
         nowhere = np.full(3, np.nan, np.float32)
         return RoomTruth(index, Box(kind, nowhere, nowhere, np.nan), np.nan)
-    first = wanted[0]
-    truth = Box(kind, box.center[row, first], box.size[row, first], float(box.yaw[row, first]))
-    return RoomTruth(index, truth, float(pairs.observable_fraction[row, first]))
+    first, *others = (Box(kind, box.center[row, i], box.size[row, i], float(box.yaw[row, i])) for i in wanted)
+    return RoomTruth(index, first, float(pairs.observable_fraction[row, wanted].mean()), tuple(others))
 
 
 def cached_clouds(config: Config, source: CloudSource, count: int, path: Path) -> Iterator[LabelledCloud]:

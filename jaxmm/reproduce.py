@@ -13,6 +13,7 @@ from jaxmm.calibration import Reliability, brier, calibration_error
 from jaxmm.config import CONDITIONS, SCENARIOS, Config
 from jaxmm.files import REMEDY, load_arrays, load_json, write_arrays, write_json
 from jaxmm.inputs import InputError
+from jaxmm.paper_run import reproduce_paper
 from jaxmm.progress import progress
 from jaxmm.simulator import CloudSource
 from jaxmm.train import Model
@@ -26,6 +27,9 @@ Scores = dict[tuple[str, str], list[dict[str, Any]]]  # (scenario, condition) ->
 
 def reproduce(config: Config, folder: Path) -> None:
     """Generate, train, evaluate; write tables and figures into the run folder and the table to the terminal."""
+    if config.paper.rows == "all":
+        reproduce_paper(config, folder)
+        return
     with runs.open_run(folder, config):
         models = train_stage(config, folder)
         rooms = evaluate_stage(config, folder, models, config.data.test_rooms, EVERY_ROW)

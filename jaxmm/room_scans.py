@@ -41,7 +41,9 @@ def room_cases(scene: str, condition: str, seed: int, rooms: range, **changed: A
         changed: fields of a PairConfig, and `preset`: which of PRESETS has the others, by default "varied".
     """
     given = {"sensor": OAK_D_PRO_SMALL} | changed
-    settings = dataclasses.replace(PRESETS[given.pop("preset", "varied")], scenario=scene, condition=condition, seed=seed, **given)
+    settings = dataclasses.replace(
+        PRESETS[given.pop("preset", "varied")], scenario=scene, condition=condition, seed=seed, **given
+    )
     pairs = make_pairs(settings, np.asarray(rooms))
     points = points_of(pairs.pose, pairs.directions, pairs.robot.distance)
     turned = rotation_of(pairs.pose.yaw, pairs.pose.pitch).astype(np.float64)

@@ -22,7 +22,7 @@ import tomli_w
 from flax.traverse_util import flatten_dict, unflatten_dict
 
 from jaxmm.calibration import KNOTS, Calibration
-from jaxmm.config import SCENARIOS, TRAINED_METHODS, Config, load, parse
+from jaxmm.config import SCENARIOS, TRAINED_METHODS, Config, PaperConfig, load, parse
 from jaxmm.files import load_json, write_atomically, write_json, write_text
 from jaxmm.inputs import InputError
 from jaxmm.shards import MANIFEST
@@ -46,13 +46,14 @@ PACKAGES = (
 
 
 @contextlib.contextmanager
-def open_run(folder: Path, config: Config, *, threads_matter: bool = True) -> Iterator[None]:
+def open_run(folder: Path, config: Config, *, threads_matter: bool = True, staged: bool = False) -> Iterator[None]:
     """Hold a run folder for writing: made when absent, resumed when it holds the same settings.
 
     Args:
         folder: the run folder.
         config: its settings.
         threads_matter: whether the bits of what it holds depend on how many cores made them.
+        staged: whether each stage itself tells what it was made of (stages.py); then settings and code may be others.
 
     Raises:
         InputError: the folder holds something else, other settings, or a process that is still running.
@@ -78,7 +79,12 @@ def open_run(folder: Path, config: Config, *, threads_matter: bool = True) -> It
             raise InputError(
                 f"{folder}: another process is writing to this run; wait for it or choose --out"
             ) from error
-        if (folder / CONFIG).exists():
+        if (folder / CONFIG).exists() and staged:
+            if read_config(folder).paper.rows != config.paper.rows:
+                raise InputError(f"{folder}: holds a run of another kind; choose another --out or remove it")
+            write_json(folder / VERSIONS, versions())
+            write_text(folder / CONFIG, tomli_w.dumps(as_table(config)))
+        elif (folder / CONFIG).exists():
             if read_config(folder) != config:
                 raise InputError(f"{folder}: holds a run with other settings; choose another --out or remove it")
             _check_versions(folder, ("git_commit",) if threads_matter else ("git_commit", "threads"))
@@ -130,8 +136,12 @@ def read_config(folder: Path) -> Config:
 
 
 def as_table(config: Config) -> dict[str, Any]:
-    """A Config as TOML writes it: every setting, defaults too."""
+    """A Config as TOML writes it: every setting, defaults too, but for what only few runs have."""
     table = dataclasses.asdict(config)
+    if config.paper == PaperConfig():
+        del table["paper"]
+    if not config.data.thesis:
+        del table["data"]["thesis"]
     return table | {"scan": config.scan.thawed(), "room": config.room.thawed()}
 
 

@@ -83,10 +83,11 @@ def _prior_view(pairs: Pairs, expected: Expected, row: int, seen: tuple[Kept, np
 def robot_views(pairs: Pairs, expected: Expected, seen: list[Kept], threads: int | None = None) -> list[View]:
     """What the prior says of the points of each robot scan, along their own rays and all around."""
     apart = surface_distance(pairs.prior, None, [kept.points for kept in seen], threads)
-    return [_robot_view(pairs, expected, row, kept, apart[row]) for row, kept in enumerate(seen)]
+    return [robot_view_of(pairs, expected, row, kept, apart[row]) for row, kept in enumerate(seen)]
 
 
-def _robot_view(pairs: Pairs, expected: Expected, row: int, kept: Kept, apart: np.ndarray) -> View:
+def robot_view_of(pairs: Pairs, expected: Expected, row: int, kept: Kept, apart: np.ndarray) -> View:
+    """One of them, where the distances (N,) [m] to the prior's surface are known."""
     points, pixel = kept
     fields = (pairs.robot.distance, expected.distance, expected.margin, expected.cosine)
     return view_of_robot(points, Along(*(field[row, pixel] for field in fields)), apart, expected.noise[row])

@@ -22,7 +22,8 @@ REPORTED_METRICS = ("roc_auc", "precision_at_95", "thesis_fpr_at_95", "thesis_io
 LABEL_TITLES = {"heuristic": "Heuristic labels (the thesis's)", "true": "True labels (the simulator's)"}
 SHOWN = {"roc_auc": "ROC AUC", "precision_at_95": "precision at 95 % recall"}  # in the short tables
 REPORTED_METHOD = "xyz_nn"  # the thesis's individual models saw coordinates, and augmented copies
-COLUMNS = ("section", "test_case", "condition", "method", "label_kind", *METRICS, "observable_share", *BOX_METRICS)
+NAMES = ("section", "test_case", "condition", "method", "label_kind")
+COLUMNS = (*NAMES, *METRICS, "observable_share", *BOX_METRICS)
 
 COUNTS = ("scene_count", "room_count", "left_out_share")
 
@@ -47,30 +48,31 @@ def table_rows(rooms: Iterable[Room], config: EvaluateConfig, reported: dict[tup
 
 
 def _row(scenario, condition, label_kind, method, rooms: list[Room], config: EvaluateConfig, reported: dict) -> Row:
-    scored = [room for room in rooms if room["positives"] >= config.least_positives and room["roc_auc"] is not None]
     test_case = scenario.replace("_", " ").title()
-    row = {
-        "section": SECTION,
-        "test_case": test_case,
-        "condition": condition,
-        "method": method,
-        "label_kind": label_kind,
-    }
+    told = method == REPORTED_METHOD and label_kind == "heuristic"
+    names = dict(zip(NAMES, (SECTION, test_case, condition, method, label_kind), strict=True))
+    return row_of(names, rooms, config, reported.get((test_case, condition)) if told else None)
+
+
+def row_of(names: dict[str, str], rooms: list[Room], config: EvaluateConfig, reported: dict | None) -> Row:
+    """One row out of the scores of its rooms; `names` are its NAMES."""
+    scored = [room for room in rooms if room["positives"] >= config.least_positives and room["roc_auc"] is not None]
+    row = dict(names)
     interval: dict[str, list[float] | None] = {}
     for metric in METRICS:
         values = np.array([[room[metric], 1.0] for room in scored])
         row[metric], interval[metric] = _ratio(values, config.resamples)
-    shares = np.array([[room["observable_fraction"], 1.0] for room in rooms])
+    told = [room["observable_fraction"] for room in rooms if room["observable_fraction"] is not None]
+    shares = np.array([[fraction, 1.0] for fraction in told])
     row["observable_share"], interval["observable_share"] = _ratio(shares, config.resamples)
     for metric, total in zip(BOX_METRICS, ("boxes_found", "boxes_true"), strict=True):
         counts = np.array([[room["boxes_matched"], room[total]] for room in rooms], float)
         row[metric], interval[metric] = _ratio(counts, config.resamples)
     row["scene_count"] = len(scored)
     row["room_count"] = len(rooms)
-    row["left_out_share"] = 1 - len(scored) / len(rooms)
+    row["left_out_share"] = 1 - len(scored) / max(len(rooms), 1)
     row["ci95"] = interval
-    told = method == REPORTED_METHOD and label_kind == "heuristic"
-    row["reported"] = reported.get((test_case, condition)) if told else None
+    row["reported"] = reported
     return row
 
 
@@ -87,11 +89,21 @@ def _ratio(counts: np.ndarray, resamples: int) -> tuple[float | None, list[float
 
 def reported_values() -> dict[tuple[str, str], dict[str, float]]:
     """The thesis's Table I by (test case, condition), from paper/reported.toml of the source tree; empty elsewhere."""
+    return {
+        (case, condition): told for (section, case, condition), told in all_reported().items() if section == SECTION
+    }
+
+
+def all_reported() -> dict[tuple[str, str, str], dict[str, float]]:
+    """The same of every section, by (section, test case, condition)."""
     path = Path(__file__).resolve().parents[1] / "paper" / "reported.toml"
     if not path.is_file():
         return {}
-    rows = [row for row in tomllib.loads(path.read_text())["rows"] if row["section"] == SECTION]
-    return {(row["test_case"], row["condition"]): {name: row[name] for name in row if name in METRICS} for row in rows}
+    rows = tomllib.loads(path.read_text())["rows"]
+    return {
+        (row["section"], row["test_case"], row["condition"]): {name: row[name] for name in row if name in METRICS}
+        for row in rows
+    }
 
 
 def write_table(folder: Path, rows: list[Row], meta: dict[str, Any]) -> None:
@@ -133,6 +145,11 @@ def as_terminal(rows: list[Row]) -> str:
     """Two short tables per kind of label, in fixed columns."""
     blocks = [_block(rows, kind, metric, _terminal_line) for kind in LABEL_KINDS for metric in SHOWN]
     return "\n".join(filter(None, blocks))
+
+
+def short_table(rows: list[Row], label_kind: str, metric: str) -> str:
+    """One metric on one kind of labels, for people: Markdown; empty where no row has them."""
+    return _block(rows, label_kind, metric, _markdown_line)
 
 
 def _block(rows: list[Row], label_kind: str, metric: str, line: Callable[[list[str]], str]) -> str:

@@ -48,13 +48,13 @@ def score_repository(root: Path, method: str, weights: Path | None, model: Path 
     check_writable(out, "--out")
     pairs = find_pairs(root)
     scenarios = {pair.scenario for pair in pairs}
-    scorers = _scorers(method, weights or root, model, scenarios)
+    scorers = scorers_of(method, weights or root, model, scenarios)
     gathers = method in (RULE, EVIDENCE)
-    blind = _scorers(method, weights or root, model, scenarios, elements=False) if gathers else {}
+    blind = scorers_of(method, weights or root, model, scenarios, elements=False) if gathers else {}
     rows = []
     for pair in pairs:
         try:
-            rows.append(score_pair(pair, scorers[pair.scenario], _box_finder(pair.scenario, method)))
+            rows.append(score_pair(pair, scorers[pair.scenario], box_finder(pair.scenario, method)))
             if gathers:
                 rows[-1]["without_elements"] = score_pair(pair, blind[pair.scenario])["by_element"]
         except InputError as error:
@@ -64,7 +64,7 @@ def score_repository(root: Path, method: str, weights: Path | None, model: Path 
     write_json(out, {"rows": rows, "meta": {"method": method, "versions": versions()}})
 
 
-def _scorers(
+def scorers_of(
     method: str, weights: Path, model: Path | None, scenarios: set[str], *, elements: bool = True
 ) -> dict[str, Scorer]:
     """Scenario -> scorer; `elements` says whether evidence may know those of the prior."""
@@ -86,7 +86,7 @@ def _scorers(
             name: partial(predict, pick_model(models[method], name), network=config.network) for name in SCENARIOS
         }
         return {name: _by_evidence(name, judge, elements=elements) for name, judge in judges.items()}
-    return {name: _network(pick_model(models[method], name), method, config.network) for name in SCENARIOS}
+    return {name: by_network(pick_model(models[method], name), method, config.network) for name in SCENARIOS}
 
 
 def _released(path: Path) -> Scorer:
@@ -98,10 +98,11 @@ def _released(path: Path) -> Scorer:
     methods = {1: "nn", 4: "xyz_nn"}
     if inputs not in methods:
         raise InputError(f"{path}: expected a network of 1 or 4 features, got {inputs}")
-    return _network(Model(params, batch_stats), methods[inputs], network)
+    return by_network(Model(params, batch_stats), methods[inputs], network)
 
 
-def _network(model: Model, method: str, network: NetworkConfig) -> Scorer:
+def by_network(model: Model, method: str, network: NetworkConfig) -> Scorer:
+    """Scores by one network that sees the features of `method`."""
     return lambda scan: predict(model, features_of(method, scan.points, scan.distance), network)
 
 
@@ -110,7 +111,9 @@ def _by_evidence(scenario: str, judge: Callable[[np.ndarray], np.ndarray], *, el
     return lambda scan: judge(evidence_features(scan, scenario, viewpoint_of(scan), elements=elements))
 
 
-def _box_finder(scenario: str, method: str) -> Callable[[np.ndarray, np.ndarray], list[dict]]:
+def box_finder(scenario: str, method: str) -> Callable[[np.ndarray, np.ndarray], list[dict]]:
+    """Finds the boxes of one scenario's model under a method, as they go into a row."""
+
     def boxes(points: np.ndarray, score: np.ndarray) -> list[dict]:
         return [box_as_json(box, scenario) for box in find_boxes(points, score, scenario, method, Config())]
 

@@ -12,8 +12,10 @@ from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED, Config
 from jaxmm.files import REMEDY, write_json
 from jaxmm.fit import Record, fit
 from jaxmm.inputs import InputError
+from jaxmm.joint import Joint
 from jaxmm.progress import bar_of, progress
 from jaxmm.simulator import MULTI, CloudSource
+from jaxmm.thesis_clouds import thesis_clouds
 from jaxmm.train import Model, all_logits
 
 CALIBRATION = "calibration.json"
@@ -26,11 +28,14 @@ def train_stage(config: Config, folder: Path) -> dict[str, Model]:
         if trained != config:
             raise InputError(f"{folder / runs.MODELS}: trained with other settings than {runs.CONFIG} says; {REMEDY}")
         return models
-    if config.data.source == "shards":
+    if config.data.source == "thesis":
+        training, validation = thesis_clouds(config.data.thesis)
+    elif config.data.source == "shards":
         training = loading.shard_clouds(config, Path(config.data.shards), folder / "data" / "shards.json")
     else:
         training = [training_clouds(config, folder, scenario, "train") for scenario in SCENARIOS]
-    validation = [training_clouds(config, folder, scenario, "validation") for scenario in SCENARIOS]
+    if config.data.source != "thesis":
+        validation = [training_clouds(config, folder, scenario, "validation") for scenario in SCENARIOS]
     models, records, calibrations = {}, [], {}
     for method in config.train.methods:
         held_out = validation_batch(validation, method, config.train.labels, config.train.points_per_cloud)
@@ -51,7 +56,23 @@ def _train(config: Config, folder: Path, what: tuple) -> tuple[Model, list[Recor
     copies = 4 if method in settings.augment else 1
     shape = (settings.batch_size, settings.points_per_cloud)
     sampler = Sampler(training, method, settings.labels, *shape, copies, config.seed)
-    with bar_of(f"train {method}: four models, one step", settings.step_count, "step") as bar:
+    return fitted(sampler, held_out, config, folder, (f"train {method}: four models, one step", earlier))
+
+
+def fitted(
+    sampler: Sampler | Joint, held_out: Batch, config: Config, folder: Path, told: tuple[str, list[Record]]
+) -> tuple[Model, list[Record]]:
+    """Train with a progress bar; what the training says goes to the folder's records as it comes.
+
+    Args:
+        sampler: draws the batches.
+        held_out: validation clouds.
+        config: settings.
+        folder: for records and checkpoints.
+        told: what the bar is called, and records that are there already.
+    """
+    label, earlier = told
+    with bar_of(label, config.train.step_count, "step") as bar:
         written = None
 
         def report(step: int, records: list[Record]) -> None:
@@ -64,7 +85,7 @@ def _train(config: Config, folder: Path, what: tuple) -> tuple[Model, list[Recor
                 written = len(records)
                 runs.write_records(folder, earlier + records)
 
-        return fit(sampler, held_out, config, folder / "checkpoints" / method, report)
+        return fit(sampler, held_out, config, folder / "checkpoints" / sampler.method, report)
 
 
 def _calibrated(config: Config, models: Model, held_out: Batch) -> tuple[Model, dict[str, Any]]:
@@ -87,7 +108,9 @@ def _validation_mix(config: Config) -> dict[str, int]:
     return {f"{kind}, {condition}": rooms for kind, rooms in kinds.items() for condition in CONDITIONS}
 
 
-def training_clouds(config: Config, folder: Path, scenario: str, split: str) -> list[LabelledCloud]:
+def training_clouds(
+    config: Config, folder: Path, scenario: str, split: str, conditions: tuple[str, ...] = CONDITIONS
+) -> list[LabelledCloud]:
     """One model's clouds: its scenario's rooms, and those with no change and with several, clean and occluded."""
     data = config.data
     seed, count = (
@@ -97,7 +120,7 @@ def training_clouds(config: Config, folder: Path, scenario: str, split: str) -> 
     others = ((UNCHANGED, data.unchanged_rooms // share), (MULTI, data.multi_rooms // share))
     clouds = []
     for scene, rooms in ((scenario, count), *others):
-        for condition in CONDITIONS if rooms else ():
+        for condition in conditions if rooms else ():
             source = CloudSource(scenario, scene, condition, seed)
             kind = scenario if scene == scenario else f"{scenario}_{scene}"
             path = folder / "data" / f"{split}_{kind}_{condition}.npz"
