@@ -40,10 +40,14 @@ def limits(objects: list[dict], path: Path) -> Figure:
             middle, recall, spread = _binned(own, name, edges)
             color, style = STYLES[kind]
             axes.errorbar(middle, recall, yerr=spread, fmt=style, color=color, capsize=2, label=" ".join(kind))
-        axes.set(xlabel=label, ylabel="share found", ylim=(-0.03, 1.05))
+        whose = "share found" if name == "shown" else "found, of those that show a fifth"
+        axes.set(xlabel=label, ylabel=whose, ylim=(-0.03, 1.05))
     figure.axes[0].set_xscale("symlog", linthresh=0.02)
-    figure.axes[0].legend(loc="lower right")
-    figure.suptitle("What is found; all but the first panel: of objects that show at least a fifth of themselves")
+    ticks = [0.0, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0]
+    figure.axes[0].set(xlim=(-0.002, 1.1), xticks=ticks, xticklabels=[f"{tick:g}" for tick in ticks])
+    figure.axes[0].minorticks_off()
+    figure.axes[1].legend(loc="lower right", ncols=2)
+    figure.suptitle("How many changed objects are found")
     return save(figure, path)
 
 
