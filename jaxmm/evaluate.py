@@ -24,7 +24,7 @@ class RoomTruth(NamedTuple):
 
     index: int
     box: Box  # of the changed object
-    observable_fraction: float  # testable rays of the object over the rays that would hit it if it stood alone
+    observable_fraction: float  # testable rays of an object over the rays that would hit it alone; the mean over all
     others: tuple[Box, ...] = ()  # further changed objects of the same kind
 
     @property
