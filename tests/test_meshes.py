@@ -29,12 +29,10 @@ batch = Batch(features, rng.random(mask.shape) < 0.3, mask, mask, rng.integers(0
 
 def steps(config, place_all):
     states = train.init_all(jax.random.key(0), 4, config)
-    gradients = jax.jit(jax.vmap(jax.grad(lambda *one: train.batch_loss(*one, config)[0])))
     states, placed = place_all(states, batch)
-    gradient = gradients(*states.model[:2], placed)
     for _ in range(3):
         states, losses = train.train_step_all(states, placed, config)
-    return states, losses, gradient
+    return states, losses  # Adam's means of the gradients among them: its steps alone would hide a factor
 
 
 def check(config, one, scenarios, clouds):
