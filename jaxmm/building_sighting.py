@@ -115,7 +115,7 @@ def levels_of(scene: TriangleScene, rays: ScanRays, points: np.ndarray) -> tuple
     vertical = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], np.float32)
     down, up = cast_triangles(scene, Rays(rays.position[None], vertical)).distance[0].astype(np.float64)
     floor, ceiling = rays.position[2] - down, rays.position[2] + up
-    if not np.isfinite(floor + ceiling):
+    if not (np.isfinite(floor) and np.isfinite(ceiling)):
         low, high = (corner[:, 2] for corner in element_bounds(scene.triangles))
         around = (
             np.isin(scene.triangles.semantic, (WALL, PILLAR)) & (low < rays.position[2]) & (high > rays.position[2])

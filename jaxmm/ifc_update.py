@@ -18,7 +18,7 @@ from jaxmm.ifc_undo import UPDATED, sha256, write_with_undo
 from jaxmm.inputs import InputError
 from jaxmm.report import Detection, ElementVerdict, Mismatch, box_of
 from jaxmm.verdicts import OCCLUDED, REMOVED
-from warp_scanner.ifc_files import import_ifcopenshell
+from warp_scanner.ifc_model import import_ifcopenshell
 
 
 class UpdateSummary(NamedTuple):

@@ -3,10 +3,7 @@
 The header is checked before laspy sees it, which counts for minutes to a number of records that are not there.
 """
 
-import contextlib
-import logging
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +11,7 @@ import numpy as np
 from jaxmm.inputs import InputError
 from jaxmm.laz_chunks import check_chunks
 from jaxmm.raw_scans import BLOCK, RawScan, check_count, check_swelling, filled
+from warp_scanner.quiet import silent
 
 HEAD = 375  # [bytes] of the largest header
 RECORD = 54  # [bytes] of the smallest record between header and points
@@ -28,7 +26,7 @@ def read_las(path: Path) -> list[RawScan]:
     import laspy
 
     _check_header(path)
-    with _silent("laspy"), laspy.open(path, read_evlrs=False) as file:
+    with silent("laspy"), laspy.open(path, read_evlrs=False) as file:
         header = file.header
         if not (np.isfinite(header.scales).all() and np.isfinite(header.offsets).all()):
             raise InputError(f"{path}: expected a finite scale and offset, got {header.scales} and {header.offsets}")
@@ -49,15 +47,3 @@ def _check_header(path: Path) -> None:
     start, count = struct.unpack("<II", head[96:104])
     if start > path.stat().st_size or count * RECORD > start:
         raise InputError(f"{path}: expected {count} records before its points at byte {start}, which do not fit")
-
-
-@contextlib.contextmanager
-def _silent(name: str) -> Iterator[None]:
-    """Without what a library logs of a failure beside the exception."""
-    logger = logging.getLogger(name)
-    level = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)

@@ -9,7 +9,7 @@ import trimesh
 from warp_scanner.building_files import read_building
 from warp_scanner.building_poses import check_position
 from warp_scanner.buildings import ReadOptions, bounds, join, remarks
-from warp_scanner.ifc_files import _unit_scale
+from warp_scanner.ifc_model import unit_scale
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import DOOR, OTHER, PILLAR, WALL, WINDOW
 from warp_scanner.triangles import cast_triangles, prepare
@@ -221,7 +221,7 @@ def test_an_unknown_unit_is_not_taken_for_a_metre(tmp_path, text, words):
 def test_known_units_have_their_length(tmp_path, text, metres):
     model = pytest.importorskip("ifcopenshell").file.from_string(with_unit(text))
     (tmp_path / "a.ifc").write_text(with_unit(text))
-    assert _unit_scale(model, tmp_path / "a.ifc") == pytest.approx(metres, rel=1e-12)
+    assert unit_scale(model, tmp_path / "a.ifc") == pytest.approx(metres, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ roofs) stays as its parts. Elements whose shape cannot be made are listed with t
 import dataclasses
 import itertools
 import os
-import re
 from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ from warp_scanner.building_arrays import packed, unpacked
 from warp_scanner.buildings import AS_IT_IS, Building, Failure, Found, Part, ReadOptions, Storeys, assemble
 from warp_scanner.guarded import Plain, limits_for, read_guarded
 from warp_scanner.ifc_maps import to_map
+from warp_scanner.ifc_model import check_text, import_ifcopenshell, open_model, unit_scale
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
 
 # The plain CGAL kernel loses elements without a word; this one falls back on OpenCASCADE for what CGAL cannot do.
@@ -50,24 +50,6 @@ class _Shape(NamedTuple):
     clear: np.ndarray  # (t,) bool: of a transparent material
 
 
-def import_ifcopenshell() -> Any:
-    """The library, with what is needed of it.
-
-    Raises:
-        ImportError: it is not installed.
-    """
-    try:
-        import ifcopenshell
-        import ifcopenshell.geom
-        import ifcopenshell.guid
-        import ifcopenshell.util.element
-        import ifcopenshell.util.placement
-        import ifcopenshell.util.unit
-    except ImportError as error:
-        raise ImportError("reading IFC needs the extra ifc: pip install 'jaxmm[ifc]'") from error
-    return ifcopenshell
-
-
 def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
     """The building that an IFC file (STEP text, .ifc) describes.
 
@@ -83,7 +65,7 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
         ImportError: ifcopenshell is not installed.
     """
     path = Path(path)
-    _check_text(path)
+    check_text(path)
     import_ifcopenshell()
     return unpacked(read_guarded(_parsed, path, dataclasses.asdict(options), limits_for(path)))
 
@@ -109,8 +91,8 @@ def parse_ifc(path: Path, options: ReadOptions) -> Building:
 
 
 def _building(path: Path, options: ReadOptions) -> Building:
-    model, notes = _open(path)
-    unit = _unit_scale(model, path)
+    model, notes = open_model(path)
+    unit = unit_scale(model, path)
     storeys, rows = _storeys(model, unit)
     products, left_out = _products(model)
     guids, repeated = _unique_guids(products)
@@ -183,85 +165,6 @@ def _part(owner: Any, shapes: list[_Shape], rows: dict[int, int], options: ReadO
             return None
         faces = faces[~clear]
     return Part(owner.GlobalId, owner.is_a(), owner.Name or "", _storey_of(owner, rows), semantic, vertices, faces)
-
-
-def _check_text(path: Path) -> None:
-    """Refuse what is no IFC file from its first and last bytes."""
-    if not path.is_file():
-        raise ValueError(f"{path}: expected a file, found {'a folder' if path.is_dir() else 'nothing there'}")
-    try:
-        str(path).encode()
-    except UnicodeEncodeError as error:
-        raise ValueError(f"{path}: expected a name in UTF-8, which the library for IFC needs; rename it") from error
-    with open(path, "rb") as file:
-        head = file.read(4096)
-        file.seek(max(0, os.path.getsize(path) - 4096))
-        tail = file.read()
-    if b"ISO-10303-21" not in head or b"FILE_SCHEMA" not in head:
-        raise ValueError(f"{path}: expected an IFC file (text that begins with ISO-10303-21), found something else")
-    if b"END-ISO-10303-21" not in tail:
-        raise ValueError(f"{path}: the file is cut off: it does not end with END-ISO-10303-21")
-
-
-def _open(path: Path) -> tuple[Any, tuple[str, ...]]:
-    """The parsed file, and what had to be mended in it."""
-    ifcopenshell = import_ifcopenshell()
-    try:
-        model = ifcopenshell.open(str(path))
-    except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
-        raise ValueError(f"{path}: not a readable IFC file: {' '.join(str(error).split())[:150]}") from error
-    mended = sum(_mend(product) for product in model.by_type("IfcProduct"))
-    return model, (f"{mended} objects had `*` where the schema wants `$`; read as empty",) if mended else ()
-
-
-def _mend(product: Any) -> bool:
-    """Some exporters write `*` (derived) for an attribute that is merely empty, which no shape survives."""
-    if ",*" not in str(product):
-        return False
-    for place in range(2, len(product)):
-        if product[place] is None:
-            product[place] = None
-    return True
-
-
-def _unit_scale(model: Any, path: Path | str) -> float:
-    """Metres per unit of length in the file."""
-    from ifcopenshell.util.unit import get_project_unit
-
-    unit = get_project_unit(model, "LENGTHUNIT")
-    if unit is None:
-        raise ValueError(f"{path}: expected a unit of length (IfcUnitAssignment with LENGTHUNIT), found none")
-    scale = _metres(unit, Path(path))
-    if not 0.0 < scale < np.inf:
-        name = _prefix_and_name(unit, Path(path)) if unit.is_a("IfcSIUnit") else getattr(unit, "Name", None)
-        shown = " ".join(str(name or "without a name").split())[:60]  # what is damaged may go on over many lines
-        raise ValueError(f"{path}: the length unit {unit.is_a()} {shown} is unknown")
-    return scale
-
-
-def _metres(unit: Any, path: Path, depth: int = 0) -> float:
-    """Metres per unit; NaN for one that is not the metre, with a known prefix or none, or a multiple of such a unit."""
-    from ifcopenshell.util.unit import prefixes
-
-    if unit.is_a("IfcSIUnit"):
-        prefix, _, name = _prefix_and_name(unit, path).rpartition(" ")
-        return prefixes.get(prefix, 1.0 if not prefix else np.nan) if name == "METRE" else np.nan
-    # A unit that is defined by itself has no length.
-    if not unit.is_a("IfcConversionBasedUnit") or depth > 8:
-        return np.nan
-    factor = unit.ConversionFactor
-    value = getattr(factor and factor.ValueComponent, "wrappedValue", None)
-    if not isinstance(value, int | float) or not factor.UnitComponent:
-        return np.nan
-    return float(value) * _metres(factor.UnitComponent, path, depth + 1)
-
-
-def _prefix_and_name(unit: Any, path: Path) -> str:
-    """Prefix and name of an IfcSIUnit, as `MILLI METRE`, from the text: the parser takes an unknown one for none."""
-    entity = re.compile(rb"#\s*%d\s*=\s*IFCSIUNIT\s*\(([^;]*)\)\s*;" % unit.id(), re.IGNORECASE)
-    found = entity.search(path.read_bytes())
-    words = found[1].decode("ascii", "replace").split(",")[2:] if found else [unit.Prefix or "$", unit.Name or "$"]
-    return " ".join(word.strip(" .\t\r\n").upper() for word in words if word.strip() not in ("$", "*"))
 
 
 def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[int, int]]:

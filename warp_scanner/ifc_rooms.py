@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_scanner.ifc_files import import_ifcopenshell
+from warp_scanner.ifc_model import import_ifcopenshell
 from warp_scanner.scenes import (
     BOX,
     CABINET,

@@ -6,10 +6,6 @@ shape; what is of one piece with everything else stays one element of no class.
 Rays meet whatever surface there is, so open ones and edges of more than two triangles are kept; the latter are listed.
 """
 
-import contextlib
-import logging
-import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +13,7 @@ import numpy as np
 
 from warp_scanner.buildings import AS_IT_IS, NO_STOREYS, Building, Failure, Found, Part, ReadOptions, assemble
 from warp_scanner.mesh_pieces import pieces_of
+from warp_scanner.quiet import silent
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
 
 SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl")
@@ -105,7 +102,7 @@ def _nodes(path: Path) -> list[tuple[str, Any]]:
     import trimesh  # slow to import, and generated rooms do not need it
 
     try:
-        with _silent("trimesh"):
+        with silent("trimesh"):
             # Unprocessed: merging or dropping vertices would hide what is wrong with the file.
             scene = trimesh.load_scene(path, process=False, split_objects=True, group_material=False)
             nodes = []
@@ -127,17 +124,3 @@ def _check_shapes(mesh: Any) -> None:
     vertices, faces = np.shape(mesh.vertices), np.shape(mesh.faces)
     if len(vertices) != 2 or vertices[1] != 3 or len(faces) != 2 or faces[1] != 3:
         raise ValueError(f"vertices of shape {vertices} and faces of shape {faces}")
-
-
-@contextlib.contextmanager
-def _silent(library: str) -> Iterator[None]:
-    """Without what a library and NumPy under it say of a failure beside the exception."""
-    logger = logging.getLogger(library)
-    level = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
-    try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        logger.setLevel(level)

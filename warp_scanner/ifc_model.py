@@ -1,0 +1,118 @@
+"""Opens IFC files: checks their text, parses them by ifcopenshell, mends exporters' errors, reads their unit."""
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def import_ifcopenshell() -> Any:
+    """The library, with what is needed of it.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    try:
+        import ifcopenshell
+        import ifcopenshell.geom
+        import ifcopenshell.guid
+        import ifcopenshell.util.element
+        import ifcopenshell.util.placement
+        import ifcopenshell.util.unit
+    except ImportError as error:
+        raise ImportError("reading IFC needs the extra ifc: pip install 'jaxmm[ifc]'") from error
+    return ifcopenshell
+
+
+def check_text(path: Path) -> None:
+    """Refuse what is no IFC file from its first and last bytes.
+
+    Raises:
+        ValueError: missing; of a name that the library cannot read; not IFC; cut off.
+    """
+    if not path.is_file():
+        raise ValueError(f"{path}: expected a file, found {'a folder' if path.is_dir() else 'nothing there'}")
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise ValueError(f"{path}: expected a name in UTF-8, which the library for IFC needs; rename it") from error
+    with open(path, "rb") as file:
+        head = file.read(4096)
+        file.seek(max(0, os.path.getsize(path) - 4096))
+        tail = file.read()
+    if b"ISO-10303-21" not in head or b"FILE_SCHEMA" not in head:
+        raise ValueError(f"{path}: expected an IFC file (text that begins with ISO-10303-21), found something else")
+    if b"END-ISO-10303-21" not in tail:
+        raise ValueError(f"{path}: the file is cut off: it does not end with END-ISO-10303-21")
+
+
+def open_model(path: Path) -> tuple[Any, tuple[str, ...]]:
+    """The parsed file, and notes of what had to be mended in it.
+
+    Raises:
+        ValueError: the library cannot read it.
+        ImportError: ifcopenshell is not installed.
+    """
+    ifcopenshell = import_ifcopenshell()
+    try:
+        model = ifcopenshell.open(str(path))
+    except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
+        raise ValueError(f"{path}: not a readable IFC file: {' '.join(str(error).split())[:150]}") from error
+    mended = sum(_mend(product) for product in model.by_type("IfcProduct"))
+    return model, (f"{mended} objects had `*` where the schema wants `$`; read as empty",) if mended else ()
+
+
+def _mend(product: Any) -> bool:
+    """Some exporters write `*` (derived) for an attribute that is merely empty, which no shape survives."""
+    if ",*" not in str(product):
+        return False
+    for place in range(2, len(product)):
+        if product[place] is None:
+            product[place] = None
+    return True
+
+
+def unit_scale(model: Any, path: Path | str) -> float:
+    """Metres per unit of length in the file.
+
+    Raises:
+        ValueError: it names no unit of length, or one that is unknown.
+    """
+    from ifcopenshell.util.unit import get_project_unit
+
+    unit = get_project_unit(model, "LENGTHUNIT")
+    if unit is None:
+        raise ValueError(f"{path}: expected a unit of length (IfcUnitAssignment with LENGTHUNIT), found none")
+    scale = _metres(unit, Path(path))
+    if not 0.0 < scale < np.inf:
+        name = _prefix_and_name(unit, Path(path)) if unit.is_a("IfcSIUnit") else getattr(unit, "Name", None)
+        shown = " ".join(str(name or "without a name").split())[:60]  # what is damaged may go on over many lines
+        raise ValueError(f"{path}: the length unit {unit.is_a()} {shown} is unknown")
+    return scale
+
+
+def _metres(unit: Any, path: Path, depth: int = 0) -> float:
+    """Metres per unit; NaN for one that is not the metre, with a known prefix or none, or a multiple of such a unit."""
+    from ifcopenshell.util.unit import prefixes
+
+    if unit.is_a("IfcSIUnit"):
+        prefix, _, name = _prefix_and_name(unit, path).rpartition(" ")
+        return prefixes.get(prefix, 1.0 if not prefix else np.nan) if name == "METRE" else np.nan
+    # A unit that is defined by itself has no length.
+    if not unit.is_a("IfcConversionBasedUnit") or depth > 8:
+        return np.nan
+    factor = unit.ConversionFactor
+    value = getattr(factor and factor.ValueComponent, "wrappedValue", None)
+    if not isinstance(value, int | float) or not factor.UnitComponent:
+        return np.nan
+    return float(value) * _metres(factor.UnitComponent, path, depth + 1)
+
+
+def _prefix_and_name(unit: Any, path: Path) -> str:
+    """Prefix and name of an IfcSIUnit, as `MILLI METRE`, from the text: the parser takes an unknown one for none."""
+    entity = re.compile(rb"#\s*%d\s*=\s*IFCSIUNIT\s*\(([^;]*)\)\s*;" % unit.id(), re.IGNORECASE)
+    found = entity.search(path.read_bytes())
+    words = found[1].decode("ascii", "replace").split(",")[2:] if found else [unit.Prefix or "$", unit.Name or "$"]
+    return " ".join(word.strip(" .\t\r\n").upper() for word in words if word.strip() not in ("$", "*"))
