@@ -38,7 +38,7 @@ def probability_heatmap(cloud: ScoredCloud, path: Path | str, title: str = "", t
     """The cloud seen from above one side, coloured by probability."""
     _check(cloud)
     figure = Figure((8.0, 6.0))
-    _draw_heatmap(figure, (0.0, 0.0, 0.87, 0.9), cloud, threshold)
+    draw_heatmap(figure, (0.0, 0.0, 0.87, 0.9), cloud, threshold)
     figure.suptitle(title)
     return save(figure, path)
 
@@ -48,7 +48,7 @@ def outcome_map(cloud: ScoredCloud, path: Path | str, title: str = "", threshold
     """The same view, each point a true or false positive or negative at a threshold (inclusive), with the counts."""
     _check(cloud)
     figure = Figure((8.0, 6.0))
-    _draw_outcomes(figure, (0.0, 0.01, 1.0, 0.89), cloud, threshold)
+    draw_outcomes(figure, (0.0, 0.01, 1.0, 0.89), cloud, threshold)
     figure.suptitle(title)
     return save(figure, path)
 
@@ -58,19 +58,19 @@ def probability_histogram(
     cloud: ScoredCloud, path: Path | str, title: str = "", threshold: float = THRESHOLD
 ) -> Figure:
     """How many points got which probability, by what is true, on a logarithmic scale."""
-    return _single(_draw_histogram, cloud, path, title, threshold=threshold)
+    return _single(draw_histogram, cloud, path, title, threshold=threshold)
 
 
 @styled
 def precision_recall_curve(cloud: ScoredCloud, path: Path | str, title: str = "") -> Figure:
     """Precision over recall, its average, and the highest threshold that recalls 95 %."""
-    return _single(_draw_precision_recall, cloud, path, title)
+    return _single(draw_precision_recall, cloud, path, title)
 
 
 @styled
 def roc_curve(cloud: ScoredCloud, path: Path | str, title: str = "") -> Figure:
     """True over false positive rate, the area under it, and the highest threshold that recalls 95 %."""
-    return _single(_draw_roc, cloud, path, title)
+    return _single(draw_roc, cloud, path, title)
 
 
 @styled
@@ -78,11 +78,11 @@ def room_report(cloud: ScoredCloud, path: Path | str, title: str = "", threshold
     """All five views of one room on one page. The title should name method, scenario and condition."""
     _check(cloud)
     figure = Figure((13.0, 9.0))
-    _draw_heatmap(figure, (0.0, 0.4, 0.43, 0.52), cloud, threshold)
-    _draw_outcomes(figure, (0.535, 0.4, 0.43, 0.52), cloud, threshold)
-    for left, draw in ((0.06, _draw_histogram), (0.39, _draw_precision_recall), (0.72, _draw_roc)):
+    draw_heatmap(figure, (0.0, 0.4, 0.43, 0.52), cloud, threshold)
+    draw_outcomes(figure, (0.535, 0.4, 0.43, 0.52), cloud, threshold)
+    for left, draw in ((0.06, draw_histogram), (0.39, draw_precision_recall), (0.72, draw_roc)):
         axes = figure.add_axes((left, 0.07, 0.265, 0.265))
-        draw(axes, cloud, **({"threshold": threshold} if draw is _draw_histogram else {}))
+        draw(axes, cloud, **({"threshold": threshold} if draw is draw_histogram else {}))
     figure.suptitle(title)
     return save(figure, path)
 
@@ -113,13 +113,14 @@ def _limits(cloud: ScoredCloud) -> tuple[float, float]:
     return low, max(high, 1e-9)
 
 
-def _draw_heatmap(figure: Figure, place: tuple[float, ...], cloud: ScoredCloud, threshold: float) -> None:
-    axes, shown = _room_axes(figure, place, cloud, threshold)
+def draw_heatmap(figure: Figure, place: tuple[float, ...], cloud: ScoredCloud, threshold: float) -> None:
+    """The scores in colour; `place` is left, bottom, width and height as shares of the figure, colour bar apart."""
+    axes, shown = _axes_of(figure, place, cloud, threshold)
     low, high = _limits(cloud)
     image = axes.scatter(
         *cloud.points[shown].T,
         c=cloud.probability[shown],
-        s=_marker_area(shown),
+        s=marker_area(shown),
         cmap="viridis",
         vmin=low,
         vmax=high,
@@ -135,12 +136,13 @@ def _draw_heatmap(figure: Figure, place: tuple[float, ...], cloud: ScoredCloud, 
     axes.set_title(f"{cloud.score_name}, ceiling left out")
 
 
-def _draw_outcomes(figure: Figure, place: tuple[float, ...], cloud: ScoredCloud, threshold: float) -> None:
+def draw_outcomes(figure: Figure, place: tuple[float, ...], cloud: ScoredCloud, threshold: float) -> None:
+    """True and false positives and negatives at a threshold, counted in a legend below."""
     left, bottom, width, height = place
     legend_height = 0.35 / figure.get_figheight()
-    axes, shown = _room_axes(figure, (left, bottom + legend_height, width, height - legend_height), cloud, threshold)
+    axes, shown = _axes_of(figure, (left, bottom + legend_height, width, height - legend_height), cloud, threshold)
     predicted, true = cloud.probability >= threshold, np.asarray(cloud.label).astype(bool)
-    area = _marker_area(shown)
+    area = marker_area(shown)
     outcomes = (
         ("true negative", ~predicted & ~true, PALE, "o", 0.8),
         ("true positive", predicted & true, GREEN, "o", 1.5),
@@ -174,7 +176,8 @@ def _draw_outcomes(figure: Figure, place: tuple[float, ...], cloud: ScoredCloud,
     axes.set_title(f"changed where {cloud.score_name} ≥ {threshold:g}")
 
 
-def _draw_histogram(axes: Axes, cloud: ScoredCloud, threshold: float) -> None:
+def draw_histogram(axes: Axes, cloud: ScoredCloud, threshold: float) -> None:
+    """Points by score, changed and unchanged ones, on a logarithmic scale."""
     edges = np.linspace(*_limits(cloud), 41)
     for value, name, color in ((0, "unchanged", GREY), (1, "changed", VERMILLION)):
         scores = np.clip(cloud.probability[cloud.label == value], edges[0], edges[-1])
@@ -187,7 +190,8 @@ def _draw_histogram(axes: Axes, cloud: ScoredCloud, threshold: float) -> None:
     axes.legend(loc="upper center")
 
 
-def _draw_precision_recall(axes: Axes, cloud: ScoredCloud) -> None:
+def draw_precision_recall(axes: Axes, cloud: ScoredCloud) -> None:
+    """The curve with its average precision, and the operating point of 95 % recall."""
     axes.set(xlabel="recall", ylabel="precision", title="precision and recall", xlim=(-0.02, 1.02), ylim=(-0.02, 1.04))
     if _one_class(axes, cloud):
         return
@@ -202,7 +206,8 @@ def _draw_precision_recall(axes: Axes, cloud: ScoredCloud) -> None:
     axes.legend(loc="best")
 
 
-def _draw_roc(axes: Axes, cloud: ScoredCloud) -> None:
+def draw_roc(axes: Axes, cloud: ScoredCloud) -> None:
+    """The curve with the area under it, and the operating point of 95 % recall."""
     axes.set(xlabel="false positive rate", ylabel="true positive rate", title="receiver operating characteristic")
     axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.04))
     if _one_class(axes, cloud):
@@ -232,16 +237,37 @@ def _one_class(axes: Axes, cloud: ScoredCloud) -> bool:
     return True
 
 
-def _room_axes(
+def _axes_of(
     figure: Figure, place: tuple[float, ...], cloud: ScoredCloud, threshold: float
 ) -> tuple[Axes3D, np.ndarray]:
-    """Axes that look down into the room, and which points to draw in them."""
-    points = np.asarray(cloud.points, dtype=np.float64)
-    notable = (cloud.probability >= threshold) | (cloud.label == 1)
-    # A plain ceiling would be a lid on the room.
+    return room_axes(figure, place, cloud.points, (cloud.probability >= threshold) | (cloud.label == 1))
+
+
+def room_axes(
+    figure: Figure,
+    place: tuple[float, ...],
+    points: np.ndarray,
+    notable: np.ndarray | None = None,
+    azimuth: float | None = None,
+) -> tuple[Axes3D, np.ndarray]:
+    """Axes that look down into a room, and which of its points to draw in them.
+
+    Args:
+        figure: to add the axes to.
+        place: left, bottom, width and height as shares of the figure.
+        points: (N, 3) [m]; they set the limits.
+        notable: (N,) bool, points that must be seen, even at the ceiling; None: none.
+        azimuth: [degrees] from where to look; None: where most points are seen.
+
+    Returns:
+        The axes, and (N,) bool: all but a plain ceiling, which would be a lid on the room.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    notable = np.zeros(len(points), bool) if notable is None else notable
     shown = notable | (points[:, 2] < np.percentile(points[:, 2], 99) - LID)
     axes = figure.add_axes(place, projection="3d", proj_type="ortho", computed_zorder=False)
-    axes.view_init(elev=ELEVATION, azim=best_azimuth(points[shown], notable[shown]))
+    azimuth = best_azimuth(points[shown], notable[shown]) if azimuth is None else azimuth
+    axes.view_init(elev=ELEVATION, azim=azimuth)
     size = np.maximum(np.ptp(points, axis=0), 1e-3)
     for name, low, span in zip("xyz", points.min(axis=0), size, strict=True):
         getattr(axes, f"set_{name}lim")(low, low + span)
@@ -288,6 +314,6 @@ def best_azimuth(points: np.ndarray, notable: np.ndarray) -> float:
     return float(candidates[np.argmax(np.round(seen, 6))])
 
 
-def _marker_area(shown: np.ndarray) -> float:
+def marker_area(shown: np.ndarray) -> float:
     """Area [points^2] of a marker: dense clouds get finer ones."""
     return float(np.clip(30_000 / max(shown.sum(), 1), 1.5, 8.0))
