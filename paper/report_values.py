@@ -1,0 +1,244 @@
+"""What the report is filled in with: numbers and tables out of `paper/results`, already as text.
+
+Every function returns text that stands in the report as it is. A row of Table I has one thesis network, named by its
+features; tables put it in one column, `network`.
+"""
+
+import math
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmm.evidence import FEATURES
+from jaxmm.files import load_json
+from jaxmm.inputs import InputError
+from jaxmm.paper_sweeps import as_markdown as study_as_markdown
+from jaxmm.paper_tables import not_best
+from jaxmm.paper_thesis import as_markdown as thesis_as_markdown
+from jaxmm.tables import all_reported
+
+ROOMS = "generated rooms"
+FIXED = ("nn-raw", "rule", "evidence")  # methods of every row; the fourth is the row's network
+
+
+class Results:
+    """The tables of one finished run."""
+
+    def __init__(self, folder: Path):
+        """Read the folder.
+
+        Raises:
+            InputError: a file is missing or damaged.
+        """
+        self.tables = {name: load_json(folder / f"{name}.json") for name in ("table_1", "label_noise", "studies")}
+        thesis = folder / "thesis_scans.json"
+        self.thesis = load_json(thesis)["rows"] if thesis.is_file() else []
+        self.run = load_json(folder / "run.json")
+        try:
+            self.config = tomllib.loads((folder / "config.toml").read_text(encoding="utf-8"))
+        except (OSError, tomllib.TOMLDecodeError) as error:
+            raise InputError(f"{folder / 'config.toml'}: expected the settings of a run: {error}") from error
+        self.rows = self.tables["table_1"]["rows"]
+
+    def score(
+        self, section: str, case: str, condition: str, method: str, metric: str = "roc_auc", labels: str = "true",
+        source: str = ROOMS,
+    ) -> str:  # fmt: skip
+        """One number of Table I; `method` may be "network"."""
+        found = [
+            row
+            for row in self._of(section, labels, source)
+            if (row["test_case"], row["condition"]) == (case, condition) and _column(row) == method
+        ]
+        if len(found) != 1:
+            wanted = f"{section}, {case}, {condition}, {method}, {labels}"
+            raise InputError(f"expected one row of {wanted}, found {len(found)}")
+        return _number(found[0][metric])
+
+    def reported(self, section: str, case: str, condition: str, metric: str = "roc_auc") -> str:
+        """What the thesis printed."""
+        return _number(all_reported()[section, case, condition][metric])
+
+    def lowest(self, section: str, method: str, metric: str = "roc_auc", labels: str = "true") -> str:
+        """The worst row of a section, on generated rooms or buildings."""
+        own = [row for row in self._of(section, labels) if _column(row) == method and row[metric] is not None]
+        return _number(min(row[metric] for row in own))
+
+    def won(self, labels: str = "true", section: str | None = None) -> str:
+        """`A of B`: the rows of Table I (or of one section) in which no method ranks better than evidence."""
+        rows = [row for row in self.rows if row["label_kind"] == labels and section in (None, row["section"])]
+        scored = {_key(row) for row in rows if _column(row) == "evidence" and row["roc_auc"] is not None}
+        return f"{len(scored) - len(not_best(rows))} of {len(scored)}"
+
+    def table(self, section: str, labels: str = "true", source: str | None = None) -> str:
+        """A section: reported AUC, then AUC and precision at 95 % recall of every method; lines end without a break."""
+        rows = list(self._of(section, labels, source))
+        head = ["test case", "rooms", "reported", *FIXED[:2], "network", FIXED[2], "95 % of evidence"]
+        lines = [_line(head), _line(["---"] * len(head))]
+        for key in dict.fromkeys(map(_key, rows)):
+            own = {_column(row): row for row in rows if _key(row) == key}
+            best = own["evidence"]
+            told = all_reported().get((section, best["test_case"], best["condition"]))
+            network = own.get("network", {"roc_auc": None})
+            cells = [f"{best['test_case'].lower()}, {best['condition']}", f"{best['scene_count']}/{best['room_count']}"]
+            cells += [_number(told["roc_auc"]) if told else "-", _pair(own["nn-raw"]), _pair(own["rule"])]
+            cells += [f"{_pair(network)} ({network.get('training')})" if network["roc_auc"] is not None else "-"]
+            interval = best["ci95"]["roc_auc"]
+            cells += [_pair(best), f"{interval[0]:.4f} to {interval[1]:.4f}" if interval else "-"]
+            lines.append(_line(cells))
+        return "\n".join(lines)
+
+    def several(self, labels: str = "true") -> str:
+        """Rows of several changes as the thesis averaged: over the models that found a box; and how many were right."""
+        rows = [row for row in self.rows if row["selected"] and row["label_kind"] == labels]
+        head = ["test case", "reported", *(f"{name}: AUC, right models" for name in ("network", "evidence"))]
+        lines = [_line(head), _line(["---"] * len(head))]
+        for key in dict.fromkeys(map(_key, rows)):
+            own = {_column(row): row for row in rows if _key(row) == key}
+            case, condition = own["evidence"]["test_case"], own["evidence"]["condition"]
+            cells = [f"{case.lower()}, {condition}", self.reported(own["evidence"]["section"], case, condition)]
+            for name in ("network", "evidence"):
+                told = own[name]["selected"]
+                right = "-" if told["right_share"] is None else f"{100 * told['right_share']:.0f} %"
+                cells.append(f"{_number(told['roc_auc'])}, {right}")
+            lines.append(_line(cells))
+        return "\n".join(lines)
+
+    def label_noise(self) -> str:
+        """The eight rows, network trained on true and on heuristic labels, scored on true ones, with boxes."""
+        rows = [row for row in self.tables["label_noise"]["rows"] if row["label_kind"] == "true"]
+        names = list(dict.fromkeys(row["method"] for row in rows))
+        head = ["test case", *(f"{name}: AUC / precision, boxes found" for name in names)]
+        lines = [_line(head), _line(["---"] * len(head))]
+        for key in dict.fromkeys((row["test_case"], row["condition"]) for row in rows):
+            own = {row["method"]: row for row in rows if (row["test_case"], row["condition"]) == key}
+            cells = [f"{_pair(own[name])}, {_share(own[name]['box_recall'])}" for name in names]
+            lines.append(_line([f"{key[0].lower()}, {key[1]}", *cells]))
+        return "\n".join(lines)
+
+    def study(self, name: str) -> str:
+        """One study: a line a level and scenario."""
+        rows = [row for row in self.tables["studies"]["rows"] if row["study"] == name]
+        if not rows:
+            raise InputError(f"expected rows of the study {name}, found none")
+        return "\n".join(study_as_markdown(rows).strip().split("\n")[4:])
+
+    def study_score(self, name: str, level: float | None, method: str, metric: str = "roc_auc") -> str:
+        """Mean over the scenarios of one point of a study's curve."""
+        own = [
+            row[metric]
+            for row in self.tables["studies"]["rows"]
+            if (row["study"], row["level"], row["method"]) == (name, level, method) and row[metric] is not None
+        ]
+        if not own:
+            raise InputError(f"expected rows of the study {name} at {level} of {method}, found none")
+        return _number(float(np.mean(own)))
+
+    def thesis_scans(self) -> str:
+        """The second table, or why there is none."""
+        if not self.thesis:
+            return "The run had no released scans at hand."
+        return thesis_as_markdown(self.thesis).strip()
+
+    def thesis_score(
+        self, source: str, case: str, condition: str, method: str, metric: str = "roc_auc", labels: str = "released"
+    ) -> str:
+        """One number of the second table."""
+        wanted = (source, case, condition, method, labels)
+        names = ("source", "test_case", "condition", "method", "label_kind")
+        found = [row for row in self.thesis if tuple(row[name] for name in names) == wanted]
+        if len(found) != 1:
+            raise InputError(f"expected one released pair for {wanted}, found {len(found)}")
+        return _number(found[0][metric])
+
+    def wrong_labels(self) -> str:
+        """In words: the released pairs of which more than stray points carry a wrong label."""
+        told = {}
+        for row in self.thesis:
+            if row["wrong_labels"] and row["label_kind"] == "by element" and row["wrong_labels"] > 0.01 * row["points"]:
+                place = f"{row['source']}, {row['test_case'].lower()}, {row['condition']}"
+                told[place] = f"{row['wrong_labels']:,} wrong labels of {row['positives']:,} positives ({place})"
+        return "; ".join(told.values()) or "no pair"
+
+    def behind(self, labels: str = "true") -> str:
+        """The rows in which another method ranks better than evidence."""
+        rows = not_best([row for row in self.rows if row["label_kind"] == labels])
+        if not rows:
+            return "There is none."
+        head = ["section", "test case", "best", "its AUC", "evidence"]
+        lines = [_line(head), _line(["---"] * len(head))]
+        for row in rows:
+            where = row["section"] if row["source"] == ROOMS else f"{row['section']} ({row['source']})"
+            case = f"{row['test_case'].lower()}, {row['condition']}"
+            lines.append(_line([where, case, row["best"], _number(row["roc_auc"]), _number(row["evidence"])]))
+        return "\n".join(lines)
+
+    def network_adds(self, labels: str = "true") -> str:
+        """`A of B`: the rows of Table I in which the row's network ranks better than the raw distance."""
+        pairs: dict[tuple, dict[str, float | None]] = {}
+        for row in self.rows:
+            if row["label_kind"] == labels:
+                pairs.setdefault(_key(row), {})[_column(row)] = row["roc_auc"]
+        both = [one for one in pairs.values() if None not in (one.get("network"), one.get("nn-raw"))]
+        return f"{sum(one['network'] > one['nn-raw'] for one in both)} of {len(both)}"
+
+    def setting(self, path: str) -> str:
+        """A setting of the run by its path, such as train.step_count."""
+        value: Any = self.config
+        for name in path.split("."):
+            value = value[name]
+        return f"{value:,}" if isinstance(value, int) else str(value)
+
+    def run_fact(self, name: str) -> str:
+        """Something about the run itself: date, commit, counts."""
+        if name == "commit":
+            return self.run["versions"]["git_commit"][:10]
+        value = self.run[name]
+        return str(len(value)) if isinstance(value, list) else f"{value:,}" if isinstance(value, int) else str(value)
+
+    def evidence_columns(self) -> str:
+        """How many kinds of evidence the network of ours sees."""
+        return str(len(FEATURES))
+
+    def sources(self) -> str:
+        """Where semi-real rows were measured."""
+        return ", ".join(dict.fromkeys(row["source"] for row in self.rows if row["section"].startswith("Semi-Real")))
+
+    def literal_focal(self, alpha: float = 10.0, gamma: float = 2.0, probability: float = 0.999) -> str:
+        """Equation 3 read literally, of an unchanged point that is given a wrong probability [nat]."""
+        p_true = 1.0 - probability
+        return f"{(1.0 - alpha) * (1.0 - p_true) ** gamma * -math.log(p_true):.1f}"
+
+    def _of(self, section: str, labels: str, source: str | None = None) -> Iterable[dict[str, Any]]:
+        return (
+            row
+            for row in self.rows
+            if (row["section"], row["label_kind"]) == (section, labels) and source in (None, row["source"])
+        )
+
+
+def _key(row: dict[str, Any]) -> tuple:
+    return row["section"], row["test_case"], row["condition"], row["source"]
+
+
+def _column(row: dict[str, Any]) -> str:
+    return row["method"] if row["method"] in FIXED else "network"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
+
+
+def _pair(row: dict[str, Any]) -> str:
+    return "-" if row["roc_auc"] is None else f"{row['roc_auc']:.4f} / {row['precision_at_95']:.3f}"
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{100 * value:.0f} %"
+
+
+def _line(cells: list[str]) -> str:
+    return f"| {' | '.join(cells)} |"

@@ -1,0 +1,72 @@
+"""Keep what a run of the paper found: its tables, settings and versions, small enough for the repository.
+
+    python -m paper.results runs/paper --out paper/results
+
+The report and the README's tables are filled in from this folder; `run.json` in it says when and from which commit the
+run was made, and how many points, rooms and models it took.
+"""
+
+import argparse
+import datetime
+import json
+from pathlib import Path
+from typing import Any
+
+from jaxmm import runs
+from jaxmm.files import load_arrays, load_json, write_json, write_text
+from jaxmm.inputs import InputError
+from jaxmm.stages import STAGES
+
+TABLES = ("table_1", "label_noise", "studies", "thesis_scans")  # the last only where the thesis's data was there
+NEEDED = TABLES[:-1]
+
+
+def collect(run: Path, out: Path) -> None:
+    """Copy the tables of a finished run and tell what it was.
+
+    Raises:
+        InputError: the run has not been finished.
+    """
+    if missing := [name for name in NEEDED if not (run / f"{name}.json").is_file()]:
+        raise InputError(f"{run}: expected a finished run of the paper, found no {missing[0]}.json")
+    out.mkdir(parents=True, exist_ok=True)
+    for name in TABLES:
+        if (run / f"{name}.json").is_file():
+            write_text(out / f"{name}.json", _row_by_row(load_json(run / f"{name}.json")))
+            for kind in ("csv", "md"):
+                write_text(out / f"{name}.{kind}", (run / f"{name}.{kind}").read_text(encoding="utf-8"))
+    write_text(out / runs.CONFIG, (run / runs.CONFIG).read_text(encoding="utf-8"))
+    write_json(out / "run.json", told(run))
+
+
+def _row_by_row(table: dict[str, Any]) -> str:
+    """The JSON of a table, a row a line: half as long, and a changed row is a changed line."""
+    rows = ",\n".join(json.dumps(row) for row in table["rows"])
+    return f'{{"rows": [\n{rows}\n],\n"meta": {json.dumps(table["meta"], indent=1)}}}\n'
+
+
+def told(run: Path) -> dict[str, Any]:
+    """When and from which commit a run was made, and how much it looked at."""
+    stages = run / STAGES
+    rooms = [load_json(path) for path in sorted(stages.glob("rooms/*/rooms.json"))]
+    clouds = [load_arrays(path)["count"] for path in sorted(stages.glob("clouds/data/train_*.npz"))]
+    made = datetime.datetime.fromtimestamp((run / "table_1.json").stat().st_mtime, datetime.UTC)
+    return {
+        "date": made.date().isoformat(),
+        "versions": load_json(run / runs.VERSIONS),
+        "networks": len(load_json(stages / "models" / "entries.json")),
+        "training_clouds": sum(map(len, clouds)),
+        "test_scenes": sum(map(len, rooms)),
+        "files": sorted(path.name for path in stages.glob("files/*") if path.is_dir()),
+    }
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", type=Path, metavar="RUN")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    asked = parser.parse_args()
+    try:
+        collect(asked.run, asked.out)
+    except InputError as error:
+        parser.exit(2, f"error: {error}\n")
