@@ -14,6 +14,7 @@ from jaxmm.boxes import Box, fit_boxes
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.hindsight import Alone
 from jaxmm.judging import Side
+from jaxmm.object_shapes import is_round
 from jaxmm.objects import Judged, find_objects
 from jaxmm.priors import Prior
 from jaxmm.report import Mismatch
@@ -71,6 +72,8 @@ def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[M
         alone = [hindsight.of_element(prior.scene, row, one.rays) for one in looked]
         box = Box(kind, change.center.astype(np.float64), change.size.astype(np.float64), float(change.yaw))
         box = box._replace(probability=verdict.probability)
+        if kind == "pillar" and is_round(change.triangles.vertices):
+            box = box._replace(shape="round", rotation=0.0)
         found.append(_mismatch(prior, box, "removed", alone)._replace(element=building.elements.guid[row]))
     return found
 

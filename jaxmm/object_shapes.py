@@ -6,9 +6,12 @@ N points of one cluster. Plan: x and y of the world frame, metres.
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 ANGLES = 90  # directions that a face is sought in, over half a turn
 REFINEMENTS = 5  # fits of a line to what lies on the line before
+ROUND_CORNERS = 8  # of a polygon that stands for a circle, at least
+ROUND_SPREAD = 0.02  # of its radius, by which they may differ from it, rounding included
 MOST_RADIUS = 50.0  # [m] a circle wider than this is a line
 
 
@@ -106,6 +109,37 @@ def rectangle_along(places: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, 
     turned = places @ axes.T
     low, high = turned.min(axis=0), turned.max(axis=0)
     return (low + high) / 2 @ axes, high - low
+
+
+def is_round(vertices: np.ndarray) -> bool:
+    """Whether the footprint of an upright solid is a circle, as the corners of its hull in plan tell.
+
+    Args:
+        vertices: (V, 2) or (V, 3) [m] of its surface.
+    """
+    places = np.unique(np.round(np.asarray(vertices, np.float64)[:, :2], 3), axis=0)
+    if len(places) < ROUND_CORNERS or np.linalg.matrix_rank(places - places[0]) < 2:
+        return False
+    corners = places[ConvexHull(places).vertices]
+    reach = np.linalg.norm(corners - (corners.min(axis=0) + corners.max(axis=0)) / 2, axis=1)
+    return len(corners) >= ROUND_CORNERS and bool(np.ptp(reach) <= ROUND_SPREAD * reach.max())
+
+
+def upright_along(places: np.ndarray) -> np.ndarray:
+    """Unit vector (2,) along one side of the rectangle whose outline points (n, 2) lie on best.
+
+    Of all directions the one with the least squared distances to the nearest side of the rectangle around the points
+    (X. Zhang et al., "Efficient L-shape fitting for vehicle detection using laser scanners", IEEE IV 2017). Where two
+    faces are short, a line across their corner can hold more points than either.
+    """
+    angle = np.pi / 2 * np.arange(ANGLES) / ANGLES
+    along = np.stack([np.cos(angle), np.sin(angle)])
+    sides = []
+    for axis in (along, np.stack([-along[1], along[0]])):
+        place = places @ axis  # (n, ANGLES)
+        sides.append(np.minimum(place - place.min(axis=0), place.max(axis=0) - place))
+    off = np.minimum(*sides)
+    return along[:, (off**2).sum(axis=0).argmin()]
 
 
 def _best_line(places: np.ndarray, tolerance: float) -> np.ndarray:

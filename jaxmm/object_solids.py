@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 
 from jaxmm.object_pieces import Piece
-from jaxmm.object_shapes import rectangle_along
+from jaxmm.object_shapes import rectangle_along, upright_along
 from jaxmm.object_sight import Sight
 from jaxmm.object_walls import KnownSizes, Solid, WallSettings, reach, seen_thin, wall_behind, wall_end_on
 
@@ -109,6 +109,9 @@ def _small(
     if log_odds_of_wall(length, (pillar, wall), (shown, thin), settings) > 0.0:
         narrow = length < settings.least_column
         return wall_end_on(first, settings) if narrow else wall_behind(sight, first, group[1:], settings, known.walls)
+    if (outline := _angled(sight.points[members, :2], first, settings)) is not None:
+        center, edges, along = outline
+        return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), along, members)
     edges = np.array([length, _depth(length, settings, known)])
     center = first.face.center - first.toward * edges[1] / 2
     return Solid("pillar", "rectangular", center, edges, first.face.along, members)
@@ -131,6 +134,18 @@ def log_odds_of_wall(
     if length < settings.least_column:  # the end of a wall looks like a pillar to any model
         return 1.2 + 0.3 * models + 1.8 * shown
     return -1.3 + 0.5 * models + 1.6 * length - 1.6 * (shown and not thin) + 1.4 * thin
+
+
+def _angled(places: np.ndarray, first: Piece, settings: SolidSettings) -> tuple[np.ndarray, ...] | None:
+    """Centre (2,), edges (2,) [m] and direction (2,) of two short sides of a rectangle that passed for one face."""
+    off_face = (places - first.face.center) @ first.face.across
+    along = upright_along(places)
+    center, edges = rectangle_along(places, along)
+    inner = edges / 2 - np.abs((places - center) @ np.stack([along, [-along[1], along[0]]]).T)
+    smeared, outlined = (float(np.sqrt(np.mean(off**2))) for off in (off_face, inner.min(axis=1)))
+    if edges.min() < settings.least_width or smeared < settings.tolerance or outlined > 0.5 * smeared:
+        return None
+    return center, edges, along
 
 
 def _crosses(a: Piece, b: Piece) -> bool:
@@ -157,15 +172,16 @@ def _corner(
     if side.face.length < settings.least_column and hidden and not open_side:
         return wall_end_on(side, settings)
     members = np.sort(np.concatenate([piece.members for piece in group]))
-    center, edges = rectangle_along(sight.points[members, :2], first.face.along)
+    along = upright_along(sight.points[members, :2])
+    center, edges = rectangle_along(sight.points[members, :2], along)
     if hidden and not open_side:
         # The rest of the hidden side, away from the sensor.
-        axes = np.stack([first.face.along, first.face.across])
+        axes = np.stack([along, [-along[1], along[0]]])
         grown = np.array([_depth(edges.max(), settings, known) if edge < edges.max() else edge for edge in edges])
         grown = np.maximum(grown - edges, 0.0)
         center = center + (np.sign(axes @ (center - first.origin[:2])) * grown / 2) @ axes
         edges = edges + grown
-    return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), first.face.along, members)
+    return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), along, members)
 
 
 def _depth(width: float, settings: SolidSettings, known: KnownSizes) -> float:

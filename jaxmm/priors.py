@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.inputs import InputError
+from jaxmm.object_shapes import is_round
 from jaxmm.object_solids import KnownSizes
 from jaxmm.report import PriorFile
 from jaxmm.scan_files import READERS, read_scans
@@ -93,16 +94,13 @@ def distance_to(prior: Prior, points: np.ndarray, reach: float) -> np.ndarray:
 def _own_sizes(building: Building) -> KnownSizes:
     """Thicknesses of the walls and sections of the columns."""
     semantic = building.elements.semantic
-    size = {kind: _level_edges(building, np.flatnonzero(semantic == kind)) for kind in (WALL, PILLAR)}
-    thickness = np.round(size[WALL][:, 0], 2)
-    walls = _frequent(thickness[(thickness > 0.03) & (thickness < 0.6)])
-    return KnownSizes(tuple(walls), tuple((*section, False) for section in _frequent(np.round(size[PILLAR], 2))))
-
-
-def _level_edges(building: Building, rows: np.ndarray) -> np.ndarray:
-    """Shorter and longer horizontal edge (n, 2) [m] of the upright boxes around some elements."""
-    edges = [np.sort(of_element(building, int(row)).size[:2]) for row in rows]
-    return np.array(edges, np.float64).reshape(-1, 2)
+    walls, columns = (
+        [of_element(building, int(row)) for row in np.flatnonzero(semantic == kind)] for kind in (WALL, PILLAR)
+    )
+    thickness = np.round([min(one.size[:2]) for one in walls], 2)
+    sections = [(*sorted(np.round(one.size[:2], 2)), is_round(one.triangles.vertices)) for one in columns]
+    known = [(a, b, bool(turned)) for a, b, turned in _frequent(np.array(sections).reshape(-1, 3))]
+    return KnownSizes(tuple(_frequent(thickness[(thickness > 0.03) & (thickness < 0.6)])), tuple(known))
 
 
 def _frequent(values: np.ndarray) -> list:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxmm.boxes import Box
 from jaxmm.priors import Prior, prior_of_building
 from jaxmm.scan_rays import PosedScan
-from warp_scanner.pairs import PRESETS, Pairs, make_pairs
+from warp_scanner.pairs import PRESETS, PairConfig, Pairs, make_pairs
 from warp_scanner.points import points_of
 from warp_scanner.poses import rotation_of
 from warp_scanner.room_buildings import building_of_room
@@ -44,6 +44,11 @@ def room_cases(scene: str, condition: str, seed: int, rooms: range, **changed: A
     settings = dataclasses.replace(
         PRESETS[given.pop("preset", "varied")], scenario=scene, condition=condition, seed=seed, **given
     )
+    yield from cases_of(settings, rooms)
+
+
+def cases_of(settings: PairConfig, rooms: range) -> Iterator[RoomCase]:
+    """The same of any settings of the simulator."""
     pairs = make_pairs(settings, np.asarray(rooms))
     points = points_of(pairs.pose, pairs.directions, pairs.robot.distance)
     turned = rotation_of(pairs.pose.yaw, pairs.pose.pitch).astype(np.float64)

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.mismatches import _linked
 from jaxmm.report import Mismatch
+from jaxmm.room_scans import room_cases, true_boxes
+from jaxmm.weights import DEFAULT
+from warp_scanner.scenes import CYLINDER
 
 
 def mismatch(change, edges=(0.5, 0.5), kind="pillar", shape="rectangular"):
@@ -43,3 +49,20 @@ def test_each_is_linked_once_and_the_likest_first():
 def test_two_of_a_kind_of_change_are_no_move():
     assert all(one.moved_from is None for one in _linked([mismatch("removed"), mismatch("removed")]))
     assert all(one.moved_from is None for one in _linked([mismatch("added"), mismatch("added")]))
+
+
+def test_a_pillar_that_moved_is_one_whether_it_is_round_or_square():
+    judges, shapes, linked = read_judges(DEFAULT), [], []
+    for case in room_cases("pillar_moved", "clean", 22, range(8), preset="thesis"):
+        scan = NamedScan(case.scan, "scan", len(case.scan.points), "given")
+        found = detect_scans(case.prior, [scan], judges, DetectSettings(refine=False, propose_views=False))
+        gone = [one for one in found.mismatches if one.mismatch_type == "removed"]
+        if len(gone) != 1 or len(found.mismatches) != 2:
+            continue
+        element = case.pairs.box.element[case.row][case.pairs.box.change[case.row] < 0]
+        kind = case.pairs.prior.kind[case.row][np.isin(case.pairs.prior.element[case.row], element)]
+        assert gone[0].shape == ("round" if (kind == CYLINDER).any() else "rectangular")
+        assert np.linalg.norm(gone[0].center - true_boxes(case.pairs, case.row, -1)[0][0].center) < 0.02
+        shapes.append(gone[0].shape)
+        linked.append(found.mismatches[1].moved_from == 0)
+    assert set(shapes) == {"round", "rectangular"} and np.mean(linked) > 0.7

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from jaxmm.object_shapes import circle_through, face_through, faces_of, line_through, rectangle_along
+from jaxmm.object_shapes import (
+    circle_through,
+    face_through,
+    faces_of,
+    is_round,
+    line_through,
+    rectangle_along,
+    upright_along,
+)
 
 
 def turned(places, angle, shift=(0.0, 0.0)):
@@ -97,3 +105,33 @@ def test_a_line_through_one_place_has_a_direction_all_the_same():
     center, along = line_through(np.ones((5, 2)))
     np.testing.assert_allclose(center, 1.0)
     assert np.linalg.norm(along) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_two_short_faces_say_how_their_rectangle_is_turned(noise):
+    off = []
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        angle, a, b = rng.uniform(-3, 3), rng.uniform(0.2, 0.5), rng.uniform(0.2, 0.5)
+        corner = np.concatenate([run(a, 1 + int(a / 0.08)), run(b, 1 + int(b / 0.08))[:, ::-1]])
+        places = turned(np.repeat(corner, 10, axis=0), angle, rng.uniform(-9, 9, 2))
+        along = upright_along(places + noise * rng.standard_normal(places.shape))
+        turn = np.degrees(np.arctan2(along[1], along[0]) - angle) % 90.0
+        off.append(min(turn, 90.0 - turn))
+    assert np.max(off) <= (1.0 if not noise else 12.0) and np.mean(off) < (0.6 if not noise else 2.5)
+
+
+@pytest.mark.parametrize("corners, told", [(3, False), (4, False), (6, False), (8, True), (16, True), (64, True)])
+def test_a_polygon_of_eight_corners_or_more_is_round(corners, told):
+    for angle in np.linspace(0.0, 1.0, 7):
+        ring = 0.3 * np.column_stack([np.cos(turn := 2 * np.pi * np.arange(corners) / corners), np.sin(turn)])
+        solid = np.concatenate(
+            [np.column_stack([turned(ring, angle, (1e4, -3.0)), np.full(corners, z)]) for z in (0, 3)]
+        )
+        assert is_round(solid) == told
+        assert not is_round(solid * [1.2, 1.0, 1.0])
+
+
+def test_what_has_no_footprint_is_not_round():
+    line = np.column_stack([np.arange(20.0), np.zeros(20), np.arange(20.0)])
+    assert not is_round(line) and not is_round(np.zeros((20, 3))) and not is_round(np.zeros((0, 3)))

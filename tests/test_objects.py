@@ -94,6 +94,16 @@ def test_a_pillar_has_its_centre_and_size_from_the_faces_that_show(seed):
     assert box.probability > 0.9
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_slender_pillar_is_turned_as_its_two_short_faces_are(seed):
+    rng = np.random.default_rng(seed)
+    x, y, width, yaw = rng.uniform(1.5, 2.5), rng.uniform(-0.6, 0.6), rng.uniform(0.3, 0.4), rng.uniform(30, 60)
+    box = only(find_objects(judged(pillar(x, y, width, yaw))), "pillar")
+    turn = (box.rotation - yaw) % 90.0
+    assert min(turn, 90.0 - turn) < 4.0
+    np.testing.assert_allclose(box.center[:2], [x, y], atol=0.03)
+
+
 def test_a_pillar_that_shows_one_face_is_taken_for_a_square_one_or_for_a_known_one():
     seen = judged(pillar(3.0, 0.0, 0.8))
     box = only(find_objects(seen), "pillar")
