@@ -1,4 +1,4 @@
-"""Sample rooms of both presets, from above and as scans by element and by label.   python paper/rooms.py OUT.png"""
+"""Sample rooms of both presets, from above and as scans by element and by label.   python -m paper.rooms OUT.png"""
 
 import argparse
 import dataclasses
@@ -8,17 +8,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import hsv_to_rgb, to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Patch, Polygon
+from matplotlib.patches import Patch
 
 from jaxmm.figures import BLACK, BLUE, GREEN, VERMILLION, save, styled
+from paper.floor_plan import FURNITURE_FILL, draw_floor_plan
 from warp_scanner.pairs import PRESETS, Pairs, make_pairs
 from warp_scanner.scenarios import Scenes, make_scenes
-from warp_scanner.scenes import CEILING, CYLINDER, FLOOR, GAP, is_structure
 from warp_scanner.sensors import Pinhole
 
 SENSOR = Pinhole(320, 200)
 SAMPLES = {"thesis": (3, 8), "varied": (1, 4, 38, 11)}  # room numbers
-STRUCTURE_FILL, FURNITURE_FILL, SKY = "#8A8A8A", "#E9DCC3", "#FFFFFF"
+SKY = "#FFFFFF"
 LABELS = {
     "structure": "#C9C9C9",
     "furniture": FURNITURE_FILL,
@@ -60,35 +60,14 @@ def draw() -> Figure:
 
 def _plan(axes: Axes, scenes: Scenes) -> None:
     """Room 0 seen from above, with the sensor and what it looks at; two metres beside it for scale."""
-    table, pose = scenes.primitives, scenes.pose
     half = scenes.size[0, :2] / 2
     reach = float(half.max()) + 0.6
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xticks=[], yticks=[])
     for side in axes.spines.values():
         side.set_visible(False)
-    angle = np.radians(pose.yaw[0] + SENSOR.horizontal_fov * np.linspace(-0.5, 0.5, 9))
-    view = pose.position[0, :2] + 3.0 * np.column_stack([np.cos(angle), np.sin(angle)])
-    axes.add_patch(Polygon(np.vstack([pose.position[0, :2], view]), color=GREEN, alpha=0.3, linewidth=0, zorder=0.5))
-    structure = is_structure(table)[0]
-    height = table.center[0, :, 2] + table.half_size[0, :, 2]
-    for slot in np.argsort(height, kind="stable"):
-        if table.kind[0, slot] == GAP or table.semantic[0, slot] in (FLOOR, CEILING):
-            continue
-        change = scenes.change[0, slot]
-        fill = {1: VERMILLION, -1: BLUE}.get(int(change), STRUCTURE_FILL if structure[slot] else FURNITURE_FILL)
-        axes.add_patch(_outline(table, slot, facecolor=fill, edgecolor=BLACK, linewidth=0.4))
-    axes.plot(*pose.position[0, :2], "o", color=BLACK, markersize=5, zorder=4)
+    draw_floor_plan(axes, scenes, SENSOR)
     axes.plot([-half[0], -half[0] + 2], [-reach, -reach], color=BLACK, linewidth=3, solid_capstyle="butt")
     axes.text(-half[0] + 2.2, -reach, "2 m", fontsize=9, va="center")
-
-
-def _outline(table, slot: int, **style) -> Polygon | Circle:
-    center, half, yaw = table.center[0, slot, :2], table.half_size[0, slot, :2], float(table.yaw[0, slot])
-    if table.kind[0, slot] == CYLINDER:
-        return Circle(center, half[0], **style)
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
-    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-    return Polygon(corners @ turn + center, **style)
 
 
 def _by_element(pairs: Pairs) -> np.ndarray:

@@ -43,9 +43,10 @@ resamples = 100
 ONE_RUN = ("test_reproduce.py", "test_cli.py", "test_cli_thesis.py", "test_thesis_rows.py")
 # These take longest, and come first: whoever is done early takes the short ones.
 LONG = (
-    *ONE_RUN, "test_train.py", "test_engines.py", "test_generate.py", "test_cli_detect.py", "test_viewpoint.py",
-    "test_fused.py", "test_fit.py", "test_joint.py", "test_building_pairs.py", "test_fuzz.py", "test_page_browser.py",
-    "test_buildings.py", "test_runs.py", "test_meshes.py", "test_detection.py", "test_figures.py", "test_changes.py",
+    *ONE_RUN, "test_notebooks.py", "test_train.py", "test_engines.py", "test_generate.py", "test_cli_detect.py",
+    "test_viewpoint.py", "test_paper_figures.py", "test_fused.py", "test_fit.py", "test_joint.py",
+    "test_building_pairs.py", "test_fuzz.py", "test_page_browser.py", "test_buildings.py", "test_runs.py",
+    "test_meshes.py", "test_detection.py", "test_figures.py", "test_changes.py",
 )  # fmt: skip
 
 

@@ -9,26 +9,34 @@ N points of one scan, world frame, metres, z up.
 
 import argparse
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D
 
 from jaxmm import runs
 from jaxmm.config import CONDITIONS, SCENARIOS, Config
 from jaxmm.evidence import FEATURES
-from jaxmm.files import load_arrays
+from jaxmm.figures import Curves, curves_from_records
+from jaxmm.files import load_arrays, load_json
 from jaxmm.inputs import InputError
+from jaxmm.paper_models import ENTRIES, MODELS
 from jaxmm.pipeline import pairs_of
-from jaxmm.room_figures import ScoredCloud
+from jaxmm.room_figures import ScoredCloud, marker_area, room_axes
 from jaxmm.simulator import CloudSource
-from jaxmm.stages import STAGES
+from jaxmm.stages import STAGES, stage_folder
 from warp_scanner.pairs import Pairs
 from warp_scanner.points import points_of
 
 EXAMPLE = "example.npz"
+METHODS = {"xyz_nn": "thesis network", "evidence": "ours (evidence)"}  # those shown side by side, and their words
+BY_METHOD = tuple((method, condition) for method in METHODS for condition in CONDITIONS)  # rows of a `grid`
+MOST = 25_000  # points of one cloud in a panel
 COLUMNS = tuple((scenario, condition) for scenario in SCENARIOS for condition in CONDITIONS)
 Place = tuple[float, float, float, float]  # left, bottom, width, height as shares of a figure
 
@@ -82,6 +90,20 @@ def example_of(run: Path, scenes: str, scenario: str) -> Example:
     )  # fmt: skip
 
 
+def training_curves(run: Path, training: str) -> Curves:
+    """How the four thesis networks of one training (key of paper_rows.TRAININGS) learned, out of the joint training.
+
+    Raises:
+        InputError: the run holds no records of its training yet.
+    """
+    folder = stage_folder(run, MODELS)
+    entries = load_json(folder / ENTRIES)
+    curves = curves_from_records(runs.read_records(folder), "joint", entries)
+    own = [entries.index(f"{training}/{scenario}") for scenario in SCENARIOS]
+    values = {name: value[:, own] for name, value in curves._asdict().items() if np.ndim(value) == 2}
+    return curves._replace(scenarios=SCENARIOS, **values)
+
+
 class RawScan(NamedTuple):
     """All returns of one scan, nothing filtered or thinned."""
 
@@ -126,21 +148,74 @@ def judged(scenario: str) -> str:
 
 
 def page(title: str, draw: Callable[[Figure, Place, str, str], None], legend: float = 0.05) -> Figure:
-    """A page of eight panels: a column a scenario, clean above occluded.
+    """A page of eight panels: a column a scenario, clean above occluded; see `grid`."""
+    return grid(title, CONDITIONS, draw, legend, (17.0, 8.6))
+
+
+def grid(
+    title: str,
+    rows: Sequence,
+    draw: Callable[[Figure, Place, str, Any], None],
+    legend: float = 0.04,
+    size: tuple[float, float] = (14.4, 15.2),
+) -> Figure:
+    """A page of panels: a column a scenario, rows of any kind.
 
     Args:
         title: above all.
-        draw: called with the figure, the place of a panel, scenario and condition; it draws its own title.
+        rows: what the rows are of, from above.
+        draw: called with the figure, the place of a panel, its scenario and its row; it draws its own title.
         legend: share of the height that is left free below, for a legend of all panels.
+        size: of the page [inch].
     """
-    figure = Figure((17.0, 8.6))
-    width, height = 1.0 / len(SCENARIOS), (0.93 - legend) / len(CONDITIONS)
+    figure = Figure(size)
+    width, height = 1.0 / len(SCENARIOS), (1.0 - 0.6 / size[1] - legend) / len(rows)
     for column, scenario in enumerate(SCENARIOS):
-        for row, condition in enumerate(CONDITIONS):
-            place = (column * width, legend + (len(CONDITIONS) - 1 - row) * height, width, height)
-            draw(figure, place, scenario, condition)
+        for number, row in enumerate(rows):
+            draw(figure, (column * width, legend + (len(rows) - 1 - number) * height, width, height), scenario, row)
     figure.suptitle(title)
     return figure
+
+
+def room_panel(figure: Figure, place: Place, points: np.ndarray, notable: np.ndarray) -> tuple[Axes3D, np.ndarray]:
+    """`room_axes` with few numbers on the axes, as many small panels want them."""
+    axes, shown = room_axes(figure, place, points, notable)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(3))
+    return axes, shown
+
+
+def dots(axes: Axes3D, points: np.ndarray, color: str | np.ndarray, shown: np.ndarray, **style: Any) -> None:
+    """Draw some points (M, 3) as finely as suits all that are `shown` (N,) in these axes."""
+    look = {"s": marker_area(shown), "linewidths": 0, "depthshade": False, "clip_on": False, "rasterized": True}
+    axes.scatter(*points.T, **({"c": color} | look | style))
+
+
+def key(figure: Figure, colors: Mapping[str, str], **style: Any) -> None:
+    """A legend below all panels: a dot of each colour by what it means."""
+    look = {"marker": "o", "linestyle": "", "markersize": 8}
+    handles = [Line2D([], [], **(look | {"color": color}), label=name) for name, color in colors.items()]
+    figure.legend(handles=handles, loc="lower center", **({"ncols": len(handles), "frameon": False} | style))
+
+
+def few(count: int, most: int = MOST, seed: int = 0) -> np.ndarray:
+    """Indices of at most so many of `count` points, in an order in which none hides the others of its kind."""
+    return np.random.default_rng(seed).permutation(count)[:most]
+
+
+def mixed(clouds: Mapping[str, np.ndarray], most: int = MOST) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (M, C) out of several clouds by their colour, in one random order, and the colour (M,) of each.
+
+    Where clouds lie on each other all of their colours show, whichever was drawn last.
+    """
+    chosen = {
+        color: points[few(len(points), most // len(clouds), seed)]
+        for seed, (color, points) in enumerate(clouds.items())
+    }
+    points = np.concatenate(list(chosen.values()))
+    color = np.repeat(list(chosen), [len(part) for part in chosen.values()])
+    order = few(len(points), len(points))
+    return points[order], color[order]
 
 
 def inside(place: Place, left: float = 0.02, bottom: float = 0.02, right: float = 0.02, top: float = 0.1) -> Place:

@@ -1,0 +1,39 @@
+"""Verdicts on a building's elements from one scan: present, removed, occluded, unscanned; and where to look next.
+
+    python -m paper.figures.verdicts runs/paper --out verdicts.png
+
+A room of the run's test seed with all four changes, behind furniture, seen from above, by the default preset.
+"""
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from jaxmm import runs
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.figures import styled
+from jaxmm.plan_figure import plan_figure
+from jaxmm.room_scans import cases_of
+from jaxmm.simulator import CloudSource, pair_config
+from jaxmm.weights import DEFAULT
+from paper.figures.panels import command, example_of
+
+SCENE, CONDITION = "all_four", "occluded"
+
+
+@styled
+def draw(run: Path, path: Path) -> Figure:
+    """The floor plan of a detection, as `jaxmm detect` draws it."""
+    config = runs.read_config(run)
+    room = example_of(run, f"{SCENE}_{CONDITION}", "wall_removed").room
+    source = CloudSource("", SCENE, CONDITION, config.data.test_seed)
+    case = next(cases_of(pair_config(config, source), range(room, room + 1)))
+    scan = NamedScan(case.scan, f"test room {room}", len(case.scan.points), "given")
+    found = detect_scans(case.prior, [scan], read_judges(DEFAULT), DetectSettings(refine=False))
+    return plan_figure(found, path)
+
+
+if __name__ == "__main__":
+    command(__doc__, draw)

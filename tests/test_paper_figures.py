@@ -1,0 +1,270 @@
+"""The figures of the paper on data and learning: they draw from a run folder, and show what its arrays hold."""
+
+import dataclasses
+import itertools
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn import metrics
+
+from jaxmm import figures, room_figures, runs
+from jaxmm.config import CONDITIONS, SCENARIOS, load
+from jaxmm.files import write_arrays, write_json
+from jaxmm.inputs import InputError
+from jaxmm.network import PointNetwork
+from jaxmm.paper_models import ENTRIES, MODELS
+from jaxmm.paper_rows import ROOMS, TestScenes, needed_models
+from jaxmm.paper_scenes import room_scenes
+from jaxmm.room_figures import ScoredCloud
+from jaxmm.rule import rule_scores
+from jaxmm.stages import STAGE, STAGES
+from paper.figures import __main__ as folder
+from paper.figures import curves, network, outcomes, threshold_curves, voxels
+from paper.figures import object_filter as filter_figure
+from paper.figures.panels import COLUMNS, METHODS, command, example_of, few, mixed, raw_pair, training_curves
+from warp_scanner.scenes import STRUCTURE
+
+ROOT = Path(__file__).resolve().parents[1]
+SEED = 21  # neither trained, validated nor tested on
+FROM_ROOMS = (
+    "curves", "heatmaps", "histograms", "instances", "labels", "network", "object_filter", "outcomes", "raw_pairs",
+    "scenario_rooms", "threshold_curves", "voxels",
+)  # fmt: skip
+FROM_TRAINING = ("losses", "validation")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    """A run folder with one example of every set that the figures want, and made-up records; nothing was trained."""
+    config = load(ROOT / "configs" / "paper_smoke.toml")
+    config = dataclasses.replace(config, data=dataclasses.replace(config.data, test_seed=SEED))
+    path = tmp_path_factory.mktemp("run") / "paper"
+    with runs.open_run(path, config, staged=True):
+        for scenario, condition in COLUMNS:
+            write_example(path, config, scenario, condition)
+        write_training(path)
+    return path
+
+
+def write_example(path, config, scenario, condition):
+    scenes = TestScenes(ROOMS, scenario, condition)
+    shown = (one for one in room_scenes(config, scenes, (scenario,), 4) if one.views[scenario].cloud.true.sum() >= 5)
+    scene = next(shown)
+    cloud, _, ((dt,), (robot,)) = scene.views[scenario]
+    rule = rule_scores(cloud.evidence, removed=scenario.endswith("removed"))
+    scores = {"nn-raw": cloud.distance, "rule": rule, "xyz_nn": cloud.distance / (cloud.distance + 0.2)}
+    scores["evidence"] = 0.02 + 0.9 * rule
+    arrays = cloud._asdict() | {f"score {name}": value for name, value in scores.items()}
+    arrays = {f"{scenario}/{name}": value for name, value in arrays.items()}
+    arrays |= {"dt": dt.points, "robot": robot.points, "room": np.array(scene.number), "place": np.array("")}
+    target = path / STAGES / "rooms" / scenes.name / "example.npz"
+    target.parent.mkdir(parents=True)
+    write_arrays(target, arrays)
+
+
+def write_training(path):
+    """Records in which the value of an entry says which entry it is of."""
+    target, entries = path / STAGES / MODELS, [f"{name}/{scenario}" for name, scenario in needed_models()]
+    target.mkdir(parents=True)
+    write_json(target / STAGE, {})
+    write_json(target / ENTRIES, entries)
+    numbers = np.arange(1.0, len(entries) + 1)
+    names = ("train_loss", "validation_loss", "validation_precision", "validation_recall")
+    records = [
+        {"method": "joint", "step": step}
+        | {name: (numbers / (step * (index + 1))).tolist() for index, name in enumerate(names)}
+        for step in (2, 4)
+    ]
+    runs.write_records(target, records)
+
+
+@pytest.fixture(scope="module")
+def drawn(run, tmp_path_factory):
+    """Every figure by name, drawn once, in few pixels and from one side; beside their files."""
+    target, scripts = tmp_path_factory.mktemp("figures"), folder.figure_scripts()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(figures.STYLE, "savefig.dpi", 30.0)
+        patch.setattr(room_figures, "best_azimuth", lambda points, notable: 37.5)
+        made = {name: scripts[name](run, target / f"{name}.png") for name in (*FROM_ROOMS, *FROM_TRAINING)}
+    return made, target
+
+
+def titles_of(figure):
+    return [axes.get_title() for axes in figure.axes]
+
+
+@pytest.mark.parametrize("name", [*FROM_ROOMS, *FROM_TRAINING])
+def test_every_figure_is_an_image_with_something_on_it(drawn, name):
+    from matplotlib.image import imread
+
+    picture = imread(drawn[1] / f"{name}.png")[:, :, :3]
+    share = np.mean(picture.min(axis=2) < 0.98)
+    assert min(picture.shape[:2]) > 100 and 0.01 < share < 0.9
+
+
+@pytest.mark.parametrize("name", [name for name in FROM_ROOMS if name != "network"])
+def test_every_scenario_has_its_panels(drawn, name):
+    conditions = ("occluded",) if name in ("labels", "object_filter") else CONDITIONS
+    titles = " ".join(titles_of(drawn[0][name]))
+    for scenario in SCENARIOS:
+        for condition in conditions:
+            assert f"{scenario.replace('_', ' ')}, {condition}" in titles
+
+
+def test_points_of_an_example_are_raw_points_bit_by_bit(run):
+    for scenario, condition in COLUMNS:
+        example = example_of(run, f"{scenario}_{condition}", scenario)
+        pair = raw_pair(run, scenario, condition, example.room)
+        for raw, kept in ((pair.dt, example.dt), (pair.robot, example.robot)):
+            assert 0 < len(kept) < len(raw.points)
+            assert {*map(bytes, kept)} <= {*map(bytes, raw.points)}
+        changed = pair.dt if scenario.endswith("removed") else pair.robot
+        assert {*map(bytes, example.points[example.true])} <= {*map(bytes, changed.points[changed.changed])}
+
+
+def test_outcomes_told_are_those_of_a_confusion_matrix(run, drawn):
+    told = titles_of(drawn[0]["outcomes"])
+    for scenario, condition in COLUMNS:
+        for method, words in METHODS.items():
+            cloud = example_of(run, f"{scenario}_{condition}", scenario).scored(method)
+            (tn, fp), (fn, tp) = metrics.confusion_matrix(cloud.label, cloud.probability >= 0.6, labels=[False, True])
+            counts = f"TN {tn:,}  TP {tp:,}  FP {fp:,}  FN {fn:,}"
+            (own,) = [t for t in told if words in t and f"{scenario.replace('_', ' ')}, {condition}" in t]
+            assert own.endswith(counts)
+            assert np.sum([*outcomes.outcomes(cloud).values()], axis=0).tolist() == [1] * len(cloud.points)
+
+
+def test_threshold_curves_hit_sklearn(run):
+    for scenario, condition in COLUMNS:
+        for method in METHODS:
+            cloud = example_of(run, f"{scenario}_{condition}", scenario).scored(method)
+            curve = threshold_curves.curve_of(cloud)
+            for at in (0, 40, 100, 150, 199):
+                called = cloud.probability >= threshold_curves.THRESHOLDS[at]
+                right = metrics.precision_recall_fscore_support(
+                    cloud.label, called, average="binary", zero_division=np.nan
+                )
+                assert (curve.precision[at], curve.recall[at]) == pytest.approx(right[:2], nan_ok=True)
+                assert not called.any() or curve.f1[at] == pytest.approx(right[2])
+
+
+def test_a_score_that_equals_a_threshold_counts_as_changed():
+    scores = threshold_curves.THRESHOLDS[[39, 99]]
+    curve = threshold_curves.curve_of(ScoredCloud(np.zeros((2, 3)), scores, np.array([False, True])))
+    assert curve.precision[[39, 40, 99]].tolist() == [0.5, 1.0, 1.0] and np.isnan(curve.precision[100])
+    assert curve.recall[[39, 99, 100]].tolist() == [1.0, 1.0, 0.0]
+
+
+def test_curves_tell_areas_of_sklearn(run, drawn):
+    for axes in drawn[0]["curves"].axes:
+        title = axes.get_title()
+        scenario, condition = re.match(r"(\w+ \w+), (\w+)", title).groups()
+        scenario = scenario.replace(" ", "_")
+        score = metrics.roc_auc_score if "ROC" in title else metrics.average_precision_score
+        told = [text.get_text() for text in axes.get_legend().get_texts()]
+        for method, text in zip(curves.LOOKS, told, strict=True):
+            cloud = example_of(run, f"{scenario}_{condition}", scenario).scored(method)
+            assert float(text.rsplit(maxsplit=1)[1]) == pytest.approx(score(cloud.label, cloud.probability), abs=6e-5)
+
+
+def test_filtered_furniture_is_told_from_what_the_filter_cannot_know(run):
+    dropped = 0
+    for scenario in SCENARIOS:
+        room = example_of(run, f"{scenario}_occluded", scenario).room
+        robot = raw_pair(run, scenario, "occluded", room).robot
+        pair = raw_pair(run, scenario, "occluded", room)
+        kind, structure = filter_figure.kinds_of(pair), np.isin(robot.semantic, STRUCTURE)
+        np.testing.assert_array_equal(np.isin(kind, (0, 3)), structure)
+        np.testing.assert_array_equal(np.isin(kind, (0, 2)), filter_figure.kept_of(pair))
+        dropped += np.sum(kind == 1)
+        left = {*map(bytes, example_of(run, f"{scenario}_occluded", scenario).robot)}
+        assert left <= {*map(bytes, robot.points[filter_figure.kept_of(pair)])}
+        low = [robot.points[robot.element == one, 2].max() for one in np.unique(robot.element[kind == 1])]
+        assert np.all(np.array(low) + pair.pairs.size[0, 2] / 2 < 2.0)
+    assert dropped > 0
+
+
+def test_blocks_of_the_network_have_the_shapes_of_the_network(run):
+    """Every width that the figure tells is that of a kernel of the network, in the order of its layers."""
+    import jax
+
+    settings = runs.read_config(run).network
+    clouds = np.zeros((1, 8, 4), np.float32), np.ones((1, 8), bool)
+    net = jax.vmap(
+        lambda x, mask: PointNetwork(settings).init(jax.random.key(0), x, mask, train=False)["params"],
+        axis_name="clouds",
+    )
+    layers = {name: part["kernel"].shape[1:] for name, part in jax.eval_shape(net, *clouds).items() if "conv" in name}
+    above, below = network.blocks_of(settings, 4)
+    encoder = [above[0].shape] + [block.shape for block in above if block.kind == "layer"]
+    head = [below[0].shape] + [block.shape for block in below if block.kind == "head"]
+    width = [[int(n) for n in re.findall(r"\d+", " ".join(shapes))] for shapes in (encoder, head)]
+    width[1].append(1)  # a logit for every point
+    told = [pair for row in width for pair in itertools.pairwise(row)]
+    order = sorted(layers, key=lambda name: (name.startswith("seg"), name))
+    assert told == [layers[name] for name in order]
+    assert above[-1].shape == f"({settings.encoder[-1]},)"
+
+
+def test_training_curves_are_those_of_the_entries_asked_for(run, drawn):
+    entries = [f"{name}/{scenario}" for name, scenario in needed_models()]
+    for training in ("xyz_nn", "nn"):
+        expected = [entries.index(f"{training}/{scenario}") + 1 for scenario in SCENARIOS]
+        curve = training_curves(run, training)
+        np.testing.assert_allclose(curve.train_loss * curve.step[:, None], [expected] * 2)
+        np.testing.assert_allclose(curve.validation_recall * curve.step[:, None] * 4, [expected] * 2)
+    lines = [axes.lines[0].get_ydata() for axes in drawn[0]["losses"].axes]
+    np.testing.assert_allclose(lines, training_curves(run, "xyz_nn").train_loss.T)
+
+
+def test_mixed_clouds_keep_their_colours():
+    for count in ((50, 300), (300, 50)):
+        points, color = mixed({"a": np.zeros((count[0], 3)), "b": np.ones((count[1], 3))}, most=200)
+        assert [np.sum(color == name) for name in "ab"] == np.minimum(count, 100).tolist()
+        np.testing.assert_array_equal(points[:, 0] == 1, color == "b")
+    assert len(np.unique(few(500, 100))) == 100
+
+
+def test_all_figures_go_on_after_one_that_cannot_be_drawn(run, tmp_path, capsys):
+    def missing(run, path):
+        raise InputError(f"{run}: expected more")
+
+    scripts = {"none": missing, "network": folder.figure_scripts()["network"]}
+    assert folder.draw_all(scripts.items(), run, tmp_path / "out") == 2
+    said = capsys.readouterr()
+    assert said.err == f"error: none: {run}: expected more\n"
+    assert said.out == f"{tmp_path / 'out' / 'network.png'}\n"
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["network.png"]
+    assert folder.draw_all([("network", scripts["network"])], run, tmp_path / "out") == 0
+
+
+def test_a_run_without_examples_gives_one_line_a_figure(run, tmp_path, capsys):
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    (bare / runs.CONFIG).write_bytes((run / runs.CONFIG).read_bytes())
+    asked = [name for name in (*FROM_ROOMS, *FROM_TRAINING) if name != "network"]  # that one needs settings alone
+    assert folder.main([str(bare), "--out", str(tmp_path / "out"), "--only", *asked]) == 2
+    said = capsys.readouterr()
+    lines = said.err.splitlines()
+    assert said.out == "" and not any((tmp_path / "out").iterdir())
+    assert [line.split(":")[1].strip() for line in lines] == asked
+    assert all(line.startswith("error: ") and str(bare) in line and "expected" in line for line in lines)
+
+
+def test_one_script_by_itself_says_what_is_missing(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["voxels", str(tmp_path), "--out", str(tmp_path / "x.png")])
+    with pytest.raises(SystemExit) as end:
+        command(voxels.__doc__, voxels.draw)
+    said = capsys.readouterr().err
+    assert end.value.code == 2 and not (tmp_path / "x.png").exists()
+    assert said.startswith(f"error: {tmp_path}") and said.count("\n") == 1
+
+
+def test_unknown_figures_are_refused(run, tmp_path, capsys):
+    with pytest.raises(SystemExit) as end:
+        folder.main([str(run), "--out", str(tmp_path / "out"), "--only", "heatmap"])
+    assert end.value.code == 2 and "heatmaps" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
