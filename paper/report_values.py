@@ -27,6 +27,8 @@ FIXED = ("nn-raw", "rule", "evidence")  # methods of every row; the fourth is th
 class Results:
     """The tables of one finished run."""
 
+    sure = 0.999  # a probability of a change that is wrong
+
     def __init__(self, folder: Path):
         """Read the folder.
 
@@ -207,9 +209,9 @@ class Results:
         """Where semi-real rows were measured."""
         return ", ".join(dict.fromkeys(row["source"] for row in self.rows if row["section"].startswith("Semi-Real")))
 
-    def literal_focal(self, alpha: float = 10.0, gamma: float = 2.0, probability: float = 0.999) -> str:
-        """Equation 3 read literally, of an unchanged point that is given a wrong probability [nat]."""
-        p_true = 1.0 - probability
+    def literal_focal(self, alpha: float = 10.0, gamma: float = 2.0) -> str:
+        """Equation 3 read literally, of an unchanged point that is given the probability `sure` of a change [nat]."""
+        p_true = 1.0 - self.sure
         return f"{(1.0 - alpha) * (1.0 - p_true) ** gamma * -math.log(p_true):.1f}"
 
     def _of(self, section: str, labels: str, source: str | None = None) -> Iterable[dict[str, Any]]:

@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+# Before JAX is imported, here and in every process that tests start: compiling takes longer than what is compiled.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+
 TINY_RUN = """
 [data]
 train_rooms = 1

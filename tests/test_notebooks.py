@@ -82,7 +82,6 @@ def _apart(tmp_path, monkeypatch):
     """Kernels find this source tree, the smallest settings, and folders of their own for what they write."""
     monkeypatch.setenv("JAXMM_CONFIG", str(ROOT / "configs" / "smoke.toml"))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    monkeypatch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")  # compiling takes longer here than what is compiled
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
     monkeypatch.setenv("JUPYTER_RUNTIME_DIR", str(tmp_path / "runtime"))
     monkeypatch.setenv("JUPYTER_CONFIG_DIR", str(tmp_path / "config"))

@@ -30,8 +30,8 @@ from warp_scanner.scenes import STRUCTURE
 ROOT = Path(__file__).resolve().parents[1]
 SEED = 21  # neither trained, validated nor tested on
 FROM_ROOMS = (
-    "curves", "heatmaps", "histograms", "instances", "labels", "network", "object_filter", "outcomes", "raw_pairs",
-    "scenario_rooms", "threshold_curves", "voxels",
+    "curves", "evidence_maps", "heatmaps", "histograms", "instances", "labels", "network", "object_filter", "outcomes",
+    "raw_pairs", "scenario_rooms", "threshold_curves", "voxels",
 )  # fmt: skip
 FROM_TRAINING = ("losses", "validation")
 
