@@ -16,7 +16,7 @@ from jaxmm.evidence import FEATURES
 from jaxmm.files import load_json
 from jaxmm.inputs import InputError
 from jaxmm.paper_sweeps import as_markdown as study_as_markdown
-from jaxmm.paper_tables import not_best
+from jaxmm.paper_tables import BEHIND, not_best
 from jaxmm.paper_thesis import as_markdown as thesis_as_markdown
 from jaxmm.tables import all_reported
 
@@ -178,14 +178,15 @@ class Results:
             lines.append(_line([where, case, row["best"], _number(row["roc_auc"]), _number(row["evidence"])]))
         return "\n".join(lines)
 
-    def network_adds(self, labels: str = "true") -> str:
-        """`A of B`: the rows of Table I in which the row's network ranks better than the raw distance."""
-        pairs: dict[tuple, dict[str, float | None]] = {}
+    def network_adds(self, *trainings: str, labels: str = "true") -> str:
+        """`A of B`: the rows of Table I whose network is of such a training, and ranks better than the distance."""
+        pairs: dict[tuple, dict[str, Any]] = {}
         for row in self.rows:
             if row["label_kind"] == labels:
-                pairs.setdefault(_key(row), {})[_column(row)] = row["roc_auc"]
-        both = [one for one in pairs.values() if None not in (one.get("network"), one.get("nn-raw"))]
-        return f"{sum(one['network'] > one['nn-raw'] for one in both)} of {len(both)}"
+                pairs.setdefault(_key(row), {})[_column(row)] = row
+        own = [one for one in pairs.values() if one["network"]["training"] in trainings]
+        gains = [one["network"]["roc_auc"] - one["nn-raw"]["roc_auc"] for one in own if one["nn-raw"]["roc_auc"]]
+        return f"{sum(gain > BEHIND for gain in gains)} of {len(gains)}"
 
     def setting(self, path: str) -> str:
         """A setting of the run by its path, such as train.step_count."""
