@@ -160,6 +160,7 @@ def test_what_cannot_be_used_is_refused(files, refused, tmp_path, change, words)
 def test_a_pose_per_scan_is_needed(files, refused, tmp_path):
     ifc, scan, pose, _ = files
     refused(["detect", ifc, scan, scan, "--pose", pose, "--out", tmp_path / "out"], "--pose", "2 scans", "got 1")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_scan_of_another_room_is_refused(files, refused, tmp_path):
@@ -168,6 +169,7 @@ def test_a_scan_of_another_room_is_refused(files, refused, tmp_path):
     np.save(tmp_path / "other.npy", rng.normal(size=(5000, 3)) * [0.7, 0.7, 0.2] + [60.0, 40.0, 0.0])
     asked = ["detect", ifc, tmp_path / "other.npy", "--pose", pose, "--out", tmp_path / "out"]
     refused(asked, "other.npy", "prior's place")
+    assert [path.name for path in tmp_path.iterdir()] == ["other.npy"]
 
 
 def test_a_scan_that_says_where_it_was_taken_needs_no_pose(files, tmp_path, said):

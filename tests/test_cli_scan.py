@@ -153,6 +153,7 @@ def test_a_place_on_a_national_grid_is_named_in_full(tmp_path, refused):
         ["scan", path, "--pose", "155009.125,463000.5,1.5,0", "--out", tmp_path / "scan.npz"],
         "pose 155009.125, 463000.5, 1.5 is outside", "154998.50 to 155002.50",
     )  # fmt: skip
+    assert not (tmp_path / "scan.npz").exists()
 
 
 def test_says_what_of_a_mesh_is_no_solid_or_was_left_out(tmp_path, capsys):

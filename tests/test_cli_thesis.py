@@ -129,10 +129,12 @@ def test_truncated_released_weights_are_refused(repository, data_root, refused):
     for length in (len(whole) // 2, len(whole) - 1):
         path = released(repository, whole[:length])
         refused(thesis(repository, "released"), path, "torch.save")
+        assert not (repository.parent / "out.json").exists()
 
 
 def test_options_of_thesis_that_do_not_fit_are_refused(repository, finished_run, tmp_path, refused):
     refused(thesis(repository, "nn"), "--model", "expected a run folder")
+    assert not (repository.parent / "out.json").exists()
     refused(thesis(repository, "nn-raw", "--model", finished_run), "--model", "nn-raw")
     refused(thesis(repository, "nn", "--weights", tmp_path), "--weights", "released")
     refused(thesis(repository, "released", "--model", finished_run), "--model")

@@ -48,4 +48,5 @@ def test_no_module_imports_in_a_circle(package):
     paths = (path.relative_to(ROOT) for path in (ROOT / package).rglob("*.py"))
     modules = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): ROOT / path for path in paths}
     graph = {name: imports_of(path) & modules.keys() - {name} for name, path in modules.items()}
-    graphlib.TopologicalSorter(graph).prepare()  # raises CycleError naming the circle
+    order = tuple(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError naming the circle
+    assert set(order) == modules.keys()
