@@ -42,6 +42,9 @@ def test_browser_draws_and_layers_change_the_picture(driver, case, tmp_path):
             assert changed_share(all_on, page.picture()) > 1e-3, layer
             page.run("window.jaxmm.layers[arguments[0]] = arguments[1]", layer, layers[layer])
             assert changed_share(all_on, page.picture()) == 0.0, layer
+        assert "from 0 % (left) to 100 %" in page.text("legend")
+        shown = page.run("return getComputedStyle(document.querySelector('#legend .ramp')).backgroundImage")
+        assert shown.startswith("linear-gradient")
         page.run(SET, "mode", "evidence", "change")
         assert changed_share(all_on, page.picture()) > 1e-3 and "support" in page.text("legend")
         page.run(SET, "cut-height", "-1.5", "input")

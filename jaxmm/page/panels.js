@@ -100,11 +100,10 @@ function showLegend(state) {
   ];
   groups.push(group("Boxes", boxes));
   if (state.mode === "probability") {
-    groups.push(group("Points", [
-      [swatch(ROBOT_RAMP[1], "dot"), "robot: part of something added"],
-      [swatch(ROBOT_RAMP[0], "dot"), "robot: as in the model, or not told"],
-      [swatch(PRIOR_RAMP[1], "square"), "model: gone"],
-      [swatch(PRIOR_RAMP[0], "square"), "model: still there, or not told"],
+    groups.push(group("Points, by probability from 0 % (left) to 100 %", [
+      [ramp(ROBOT_RAMP), "robot: part of something added"],
+      [ramp(PRIOR_RAMP), "model: gone"],
+      [null, "Points that nobody could tell of are at the left end."],
     ]));
   } else if (state.mode === "evidence") {
     for (const [title, words, shape] of [["Model points", "prior", "square"], ["Robot points", "robot", "dot"]]) {

@@ -41,6 +41,11 @@ function swatch(tint, kind = "") {
   return node;
 }
 
+/** Colours from none to all of something. */
+function ramp([none, all]) {
+  return swatch(`linear-gradient(to right, ${none}, ${all})`, "ramp");
+}
+
 /** Pairs of a word and what it stands for; gaps are left out. */
 function pairs(rows) {
   const list = make("dl", { class: "pairs" });
