@@ -94,7 +94,7 @@ def _levelled(scene: TriangleScene, pairs: Pairs) -> tuple[Pairs, float]:
     vertical = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], np.float32)
     down, up = cast_triangles(scene, Rays(place, vertical)).distance[0].astype(np.float64)
     floor, ceiling = place[0, 2] - down, place[0, 2] + up
-    if not np.isfinite(floor + ceiling):
+    if not (np.isfinite(floor) and np.isfinite(ceiling)):
         back = np.isfinite(pairs.dt.distance[0])
         low, high = np.percentile(points_of(pairs.pose, pairs.directions, pairs.dt.distance)[0, back, 2], LEVELS)
         floor, ceiling = (floor if np.isfinite(floor) else low), (ceiling if np.isfinite(ceiling) else high)
