@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo paper test setup setup-peers weights lint bench fuzz clean
+.PHONY: demo paper report test setup setup-peers weights lint bench fuzz clean
 
 demo: setup
 	$(BIN)/jaxmm reproduce configs/demo.toml
@@ -11,6 +11,12 @@ demo: setup
 # Table I whole, with ablations, buildings, sweeps and the thesis's scans (those where JAXMM_DATA holds them): 90 minutes.
 paper: setup
 	$(BIN)/jaxmm reproduce configs/paper.toml
+
+# Tables, report and figures out of that run, beside it.
+report: setup
+	$(BIN)/python -m paper.results runs/paper --out runs/paper/results
+	$(BIN)/python -m paper.report --results runs/paper/results --out runs/paper/report.md --html runs/paper/report.html
+	$(BIN)/python -m paper.figures runs/paper --out runs/paper/figures
 
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile

@@ -112,7 +112,7 @@ def rectangle_along(places: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, 
 
 
 def is_round(vertices: np.ndarray) -> bool:
-    """Whether the footprint of an upright solid is a circle, as the corners of its hull in plan tell.
+    """Whether the footprint of an upright solid is a circle, as the corners of its hull in plan tell: eight or more.
 
     Args:
         vertices: (V, 2) or (V, 3) [m] of its surface.
@@ -121,8 +121,10 @@ def is_round(vertices: np.ndarray) -> bool:
     if len(places) < ROUND_CORNERS or np.linalg.matrix_rank(places - places[0]) < 2:
         return False
     corners = places[ConvexHull(places).vertices]
-    reach = np.linalg.norm(corners - (corners.min(axis=0) + corners.max(axis=0)) / 2, axis=1)
-    return len(corners) >= ROUND_CORNERS and bool(np.ptp(reach) <= ROUND_SPREAD * reach.max())
+    if len(corners) < ROUND_CORNERS:
+        return False
+    reach = np.linalg.norm(corners - _algebraic(corners)[0], axis=1)
+    return bool(np.ptp(reach) <= ROUND_SPREAD * reach.max())
 
 
 def upright_along(places: np.ndarray) -> np.ndarray:
@@ -132,14 +134,20 @@ def upright_along(places: np.ndarray) -> np.ndarray:
     (X. Zhang et al., "Efficient L-shape fitting for vehicle detection using laser scanners", IEEE IV 2017). Where two
     faces are short, a line across their corner can hold more points than either.
     """
-    angle = np.pi / 2 * np.arange(ANGLES) / ANGLES
+    step = np.pi / 2 / ANGLES
+    rough = _least_off(places, step * np.arange(ANGLES))
+    fine = _least_off(places, rough + step * np.linspace(-1.0, 1.0, 21))
+    return np.array([np.cos(fine), np.sin(fine)])
+
+
+def _least_off(places: np.ndarray, angle: np.ndarray) -> float:
+    """Of angles (A,) [rad] that of the rectangle to whose sides points (n, 2) lie nearest."""
     along = np.stack([np.cos(angle), np.sin(angle)])
     sides = []
     for axis in (along, np.stack([-along[1], along[0]])):
-        place = places @ axis  # (n, ANGLES)
+        place = places @ axis  # (n, A)
         sides.append(np.minimum(place - place.min(axis=0), place.max(axis=0) - place))
-    off = np.minimum(*sides)
-    return along[:, (off**2).sum(axis=0).argmin()]
+    return float(angle[(np.minimum(*sides) ** 2).sum(axis=0).argmin()])
 
 
 def _best_line(places: np.ndarray, tolerance: float) -> np.ndarray:

@@ -99,7 +99,7 @@ def _own_sizes(building: Building) -> KnownSizes:
     )
     thickness = np.round([min(one.size[:2]) for one in walls], 2)
     sections = [(*sorted(np.round(one.size[:2], 2)), is_round(one.triangles.vertices)) for one in columns]
-    known = [(a, b, bool(turned)) for a, b, turned in _frequent(np.array(sections).reshape(-1, 3))]
+    known = [(a, b, bool(rounded)) for a, b, rounded in _frequent(np.array(sections).reshape(-1, 3))]
     return KnownSizes(tuple(_frequent(thickness[(thickness > 0.03) & (thickness < 0.6)])), tuple(known))
 
 

@@ -38,7 +38,7 @@ def report(results: Path = RESULTS) -> str:
     )
     try:
         return environment.get_template(TEMPLATE).render(run=Results(results))
-    except (TemplateError, KeyError) as error:
+    except (TemplateError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{results}: expected results of configs/paper.toml, {TEMPLATE} wants {error}") from error
 
 

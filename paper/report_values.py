@@ -10,8 +10,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from jaxmm.evidence import FEATURES
 from jaxmm.files import load_json
 from jaxmm.inputs import InputError
@@ -35,45 +33,41 @@ class Results:
         Raises:
             InputError: a file is missing or damaged.
         """
-        self.tables = {name: load_json(folder / f"{name}.json") for name in ("table_1", "label_noise", "studies")}
+        self.tables = {name: _rows_of(folder / f"{name}.json") for name in ("table_1", "label_noise", "studies")}
         thesis = folder / "thesis_scans.json"
-        self.thesis = load_json(thesis)["rows"] if thesis.is_file() else []
+        self.thesis = _rows_of(thesis) if thesis.is_file() else []
         self.run = load_json(folder / "run.json")
         try:
             self.config = tomllib.loads((folder / "config.toml").read_text(encoding="utf-8"))
         except (OSError, tomllib.TOMLDecodeError) as error:
             raise InputError(f"{folder / 'config.toml'}: expected the settings of a run: {error}") from error
-        self.rows = self.tables["table_1"]["rows"]
-
-    def score(
-        self, section: str, case: str, condition: str, method: str, metric: str = "roc_auc", labels: str = "true",
-        source: str = ROOMS,
-    ) -> str:  # fmt: skip
-        """One number of Table I; `method` may be "network"."""
-        found = [
-            row
-            for row in self._of(section, labels, source)
-            if (row["test_case"], row["condition"]) == (case, condition) and _column(row) == method
-        ]
-        if len(found) != 1:
-            wanted = f"{section}, {case}, {condition}, {method}, {labels}"
-            raise InputError(f"expected one row of {wanted}, found {len(found)}")
-        return _number(found[0][metric])
+        self.rows = self.tables["table_1"]
+        self.meta = load_json(folder / "table_1.json")["meta"]
 
     def reported(self, section: str, case: str, condition: str, metric: str = "roc_auc") -> str:
         """What the thesis printed."""
         return _number(all_reported()[section, case, condition][metric])
 
-    def lowest(self, section: str, method: str, metric: str = "roc_auc", labels: str = "true") -> str:
-        """The worst row of a section, on generated rooms or buildings."""
-        own = [row for row in self._of(section, labels) if _column(row) == method and row[metric] is not None]
-        return _number(min(row[metric] for row in own))
+    def won(self, method: str = "evidence", labels: str = "true") -> str:
+        """`A of B`: the rows in which no method ranks better than this one."""
+        aucs = self._aucs(labels)
+        return f"{sum(max(own.values()) - own.get(method, 0.0) <= BEHIND for own in aucs)} of {len(aucs)}"
 
-    def won(self, labels: str = "true", section: str | None = None) -> str:
-        """`A of B`: the rows of Table I (or of one section) in which no method ranks better than evidence."""
-        rows = [row for row in self.rows if row["label_kind"] == labels and section in (None, row["section"])]
-        scored = {_key(row) for row in rows if _column(row) == "evidence" and row["roc_auc"] is not None}
-        return f"{len(scored) - len(not_best(rows))} of {len(scored)}"
+    def ahead(self, method: str, other: str, section: str | None = None) -> str:
+        """The rows, of all or of one section, in which a method ranks better than another, true labels."""
+        return str(sum(own[method] - own[other] > BEHIND for own in self._aucs("true", section)))
+
+    def counted_as_equal(self) -> str:
+        """The difference of two AUC up to which neither ranks better."""
+        return f"{BEHIND:g}"
+
+    def _aucs(self, labels: str, section: str | None = None) -> list[dict[str, float]]:
+        """By column, for every row in which evidence is scored."""
+        found: dict[tuple, dict[str, float]] = {}
+        for row in self.rows:
+            if row["label_kind"] == labels and section in (None, row["section"]) and row["roc_auc"] is not None:
+                found.setdefault(_key(row), {})[_column(row)] = row["roc_auc"]
+        return [own for own in found.values() if "evidence" in own]
 
     def table(self, section: str, labels: str = "true", source: str | None = None) -> str:
         """A section: reported AUC, then AUC and precision at 95 % recall of every method; lines end without a break."""
@@ -89,9 +83,16 @@ class Results:
             cells += [_number(told["roc_auc"]) if told else "-", _pair(own["nn-raw"]), _pair(own["rule"])]
             cells += [f"{_pair(network)} ({network.get('training')})" if network["roc_auc"] is not None else "-"]
             interval = best["ci95"]["roc_auc"]
-            cells += [_pair(best), f"{interval[0]:.4f} to {interval[1]:.4f}" if interval else "-"]
+            cells += [_pair(best), _outwards(*interval) if interval else "-"]
             lines.append(_line(cells))
         return "\n".join(lines)
+
+    def tables_of(self, section: str) -> str:
+        """A table for each source of a section, named where there are several."""
+        sources = list(dict.fromkeys(row["source"] for row in self.rows if row["section"] == section))
+        if len(sources) == 1:
+            return self.table(section)
+        return "\n\n".join(f"#### On {source}\n\n{self.table(section, source=source)}" for source in sources)
 
     def several(self, labels: str = "true") -> str:
         """Rows of several changes as the thesis averaged: over the models that found a box; and how many were right."""
@@ -111,33 +112,23 @@ class Results:
 
     def label_noise(self) -> str:
         """The eight rows, network trained on true and on heuristic labels, scored on true ones, with boxes."""
-        rows = [row for row in self.tables["label_noise"]["rows"] if row["label_kind"] == "true"]
+        rows = [row for row in self.tables["label_noise"] if row["label_kind"] == "true"]
         names = list(dict.fromkeys(row["method"] for row in rows))
-        head = ["test case", *(f"{name}: AUC / precision, boxes found" for name in names)]
+        head = ["test case", *(f"{name}: AUC / precision; boxes found, right" for name in names)]
         lines = [_line(head), _line(["---"] * len(head))]
         for key in dict.fromkeys((row["test_case"], row["condition"]) for row in rows):
             own = {row["method"]: row for row in rows if (row["test_case"], row["condition"]) == key}
-            cells = [f"{_pair(own[name])}, {_share(own[name]['box_recall'])}" for name in names]
+            boxes = {name: f"{_share(own[name]['box_recall'])}, {_share(own[name]['box_precision'])}" for name in names}
+            cells = [f"{_pair(own[name])}; {boxes[name]}" for name in names]
             lines.append(_line([f"{key[0].lower()}, {key[1]}", *cells]))
         return "\n".join(lines)
 
     def study(self, name: str) -> str:
         """One study: a line a level and scenario."""
-        rows = [row for row in self.tables["studies"]["rows"] if row["study"] == name]
+        rows = [row for row in self.tables["studies"] if row["study"] == name]
         if not rows:
             raise InputError(f"expected rows of the study {name}, found none")
         return "\n".join(study_as_markdown(rows).strip().split("\n")[4:])
-
-    def study_score(self, name: str, level: float | None, method: str, metric: str = "roc_auc") -> str:
-        """Mean over the scenarios of one point of a study's curve."""
-        own = [
-            row[metric]
-            for row in self.tables["studies"]["rows"]
-            if (row["study"], row["level"], row["method"]) == (name, level, method) and row[metric] is not None
-        ]
-        if not own:
-            raise InputError(f"expected rows of the study {name} at {level} of {method}, found none")
-        return _number(float(np.mean(own)))
 
     def thesis_scans(self) -> str:
         """The second table, or why there is none."""
@@ -178,15 +169,16 @@ class Results:
             lines.append(_line([where, case, row["best"], _number(row["roc_auc"]), _number(row["evidence"])]))
         return "\n".join(lines)
 
-    def network_adds(self, *trainings: str, labels: str = "true") -> str:
-        """`A of B`: the rows of Table I whose network is of such a training, and ranks better than the distance."""
+    def network_gains(self, *trainings: str) -> str:
+        """In words: in how many rows with a network of such a training it ranks better or worse than the distance."""
         pairs: dict[tuple, dict[str, Any]] = {}
         for row in self.rows:
-            if row["label_kind"] == labels:
+            if row["label_kind"] == "true" and row["roc_auc"] is not None:
                 pairs.setdefault(_key(row), {})[_column(row)] = row
-        own = [one for one in pairs.values() if one["network"]["training"] in trainings]
-        gains = [one["network"]["roc_auc"] - one["nn-raw"]["roc_auc"] for one in own if one["nn-raw"]["roc_auc"]]
-        return f"{sum(gain > BEHIND for gain in gains)} of {len(gains)}"
+        own = [one for one in pairs.values() if one.get("network", {}).get("training") in trainings]
+        gains = [one["network"]["roc_auc"] - one["nn-raw"]["roc_auc"] for one in own]
+        better, worse = sum(gain > BEHIND for gain in gains), sum(gain < -BEHIND for gain in gains)
+        return f"better in {better}, worse in {worse} of {len(gains)} rows"
 
     def setting(self, path: str) -> str:
         """A setting of the run by its path, such as train.step_count."""
@@ -194,6 +186,10 @@ class Results:
         for name in path.split("."):
             value = value[name]
         return f"{value:,}" if isinstance(value, int) else str(value)
+
+    def least_positives(self) -> str:
+        """Testable points that a room needs to count."""
+        return str(self.meta["least_positives"])
 
     def run_fact(self, name: str) -> str:
         """Something about the run itself: date, commit, counts."""
@@ -205,10 +201,6 @@ class Results:
     def evidence_columns(self) -> str:
         """How many kinds of evidence the network of ours sees."""
         return str(len(FEATURES))
-
-    def sources(self) -> str:
-        """Where semi-real rows were measured."""
-        return ", ".join(dict.fromkeys(row["source"] for row in self.rows if row["section"].startswith("Semi-Real")))
 
     def literal_focal(self, alpha: float = 10.0, gamma: float = 2.0) -> str:
         """Equation 3 read literally, of an unchanged point that is given the probability `sure` of a change [nat]."""
@@ -229,6 +221,20 @@ def _key(row: dict[str, Any]) -> tuple:
 
 def _column(row: dict[str, Any]) -> str:
     return row["method"] if row["method"] in FIXED else "network"
+
+
+def _rows_of(path: Path) -> list[dict[str, Any]]:
+    """The rows of a table; InputError where the file holds none."""
+    table = load_json(path)
+    rows = table.get("rows") if isinstance(table, dict) else None
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"{path}: expected the rows of a table, found none")
+    return rows
+
+
+def _outwards(low: float, high: float) -> str:
+    """An interval rounded so that it holds what it held."""
+    return f"{math.floor(low * 1e4 + 1e-6) / 1e4:.4f} to {math.ceil(high * 1e4 - 1e-6) / 1e4:.4f}"
 
 
 def _number(value: float | None) -> str:

@@ -27,6 +27,10 @@ def collect(run: Path, out: Path) -> None:
     Raises:
         InputError: the run has not been finished.
     """
+    if not (run / runs.CONFIG).is_file():
+        raise InputError(f"{run}: expected a run folder with {runs.CONFIG}, found none")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: expected a folder, found a file")
     if missing := [name for name in NEEDED if not (run / f"{name}.json").is_file()]:
         raise InputError(f"{run}: expected a finished run of the paper, found no {missing[0]}.json")
     out.mkdir(parents=True, exist_ok=True)
@@ -48,7 +52,8 @@ def _row_by_row(table: dict[str, Any]) -> str:
 def told(run: Path) -> dict[str, Any]:
     """When and from which commit a run was made, and how much it looked at."""
     stages = run / STAGES
-    rooms = [load_json(path) for path in sorted(stages.glob("rooms/*/rooms.json"))]
+    scored = ("rooms/*/rooms.json", "files/*/building_*.json", "sweeps/*/*_*ed.json", "scaling_rooms/*/rooms.json")
+    scenes = [load_json(path) for pattern in scored for path in sorted(stages.glob(pattern))]
     clouds = [load_arrays(path)["count"] for path in sorted(stages.glob("clouds/data/train_*.npz"))]
     made = datetime.datetime.fromtimestamp((run / "table_1.json").stat().st_mtime, datetime.UTC)
     return {
@@ -56,7 +61,7 @@ def told(run: Path) -> dict[str, Any]:
         "versions": load_json(run / runs.VERSIONS),
         "networks": len(load_json(stages / "models" / "entries.json")),
         "training_clouds": sum(map(len, clouds)),
-        "test_scenes": sum(map(len, rooms)),
+        "test_scenes": sum(map(len, scenes)),
         "files": sorted(path.name for path in stages.glob("files/*") if path.is_dir()),
     }
 

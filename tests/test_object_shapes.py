@@ -118,17 +118,17 @@ def test_two_short_faces_say_how_their_rectangle_is_turned(noise):
         along = upright_along(places + noise * rng.standard_normal(places.shape))
         turn = np.degrees(np.arctan2(along[1], along[0]) - angle) % 90.0
         off.append(min(turn, 90.0 - turn))
-    assert np.max(off) <= (1.0 if not noise else 12.0) and np.mean(off) < (0.6 if not noise else 2.5)
+    assert np.max(off) <= (0.11 if not noise else 12.0) and np.mean(off) < (0.06 if not noise else 2.5)
 
 
-@pytest.mark.parametrize("corners, told", [(3, False), (4, False), (6, False), (8, True), (16, True), (64, True)])
-def test_a_polygon_of_eight_corners_or_more_is_round(corners, told):
+@pytest.mark.parametrize("corners", [3, 4, 6, 8, 9, 11, 13, 15, 16, 64])
+def test_a_polygon_of_eight_corners_or_more_is_round(corners):
     for angle in np.linspace(0.0, 1.0, 7):
         ring = 0.3 * np.column_stack([np.cos(turn := 2 * np.pi * np.arange(corners) / corners), np.sin(turn)])
         solid = np.concatenate(
             [np.column_stack([turned(ring, angle, (1e4, -3.0)), np.full(corners, z)]) for z in (0, 3)]
         )
-        assert is_round(solid) == told
+        assert is_round(solid) == (corners >= 8)
         assert not is_round(solid * [1.2, 1.0, 1.0])
 
 

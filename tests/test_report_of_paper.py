@@ -54,21 +54,45 @@ def test_a_run_without_what_the_text_asks_for_is_one_line(results):
         report(results)
 
 
-def test_a_row_that_is_not_there_is_named(results):
-    with pytest.raises(InputError, match="No Such Row"):
-        Results(results).score("Individual Models", "No Such Row", "clean", "evidence")
+def test_a_table_without_rows_is_one_line(results):
+    for damage in ('{"rows": []}', "[]", '{"rows": 3}'):
+        (results / "table_1.json").write_text(damage)
+        with pytest.raises(InputError, match=r"table_1\.json: expected the rows"):
+            report(results)
 
 
-def test_every_row_is_in_one_table_of_the_report():
+def test_without_the_released_scans_the_report_says_so(results):
+    (results / "thesis_scans.json").unlink()
+    told = report(results)
+    assert "no released scans at hand" in told and "**Focal loss.**" in told and "released weights reach" not in told
+
+
+def test_wins_and_gains_are_counted_by_the_rows():
+    found, groups = Results(RESULTS), {}
+    for row in found.rows:
+        if row["label_kind"] == "true" and row["roc_auc"] is not None:
+            key = row["section"], row["test_case"], row["condition"], row["source"]
+            groups.setdefault(key, {})[row["method"]] = row["roc_auc"]
+    for method in ("evidence", "rule", "nn-raw"):
+        won = sum(max(own.values()) - own[method] <= 5e-4 for own in groups.values())
+        assert found.won(method) == f"{won} of {len(groups)}"
+    noise = [own for key, own in groups.items() if key[0] == "Sensor Noise"]
+    assert found.ahead("evidence", "rule", "Sensor Noise") == str(
+        sum(own["evidence"] - own["rule"] > 5e-4 for own in noise)
+    )
+
+
+def test_every_row_is_in_one_table_of_its_own_source():
     text, rows = report(), Results(RESULTS).rows
     cases = {(row["section"], row["test_case"], row["condition"], row["source"]) for row in rows}
     for section in {case[0] for case in cases}:
-        part = text.split(f"### {section}\n")[1].split("\n#")[0]
-        own = [case for case in cases if case[0] == section]
-        lines = [line for line in part.split("\n") if line.startswith("| ")]
-        assert sum(any(line.startswith(f"| {case[1].lower()}, {case[2]} |") for case in own) for line in lines) >= len(
-            own
-        )
+        part = text.split(f"### {section}\n")[1].split("\n## ")[0].split("\n### ")[0]
+        sources = sorted({case[3] for case in cases if case[0] == section})
+        for source in sources:
+            own = part.split(f"#### On {source}\n")[1].split("\n#### ")[0] if len(sources) > 1 else part
+            names = [line.split(" | ")[0].removeprefix("| ") for line in own.split("\n") if line.startswith("| ")]
+            wanted = {f"{case[1].lower()}, {case[2]}" for case in cases if (case[0], case[3]) == (section, source)}
+            assert wanted <= set(names) and all(names.count(name) == 1 for name in wanted)
 
 
 def test_the_page_is_one_file_with_its_images_inside():
@@ -79,6 +103,6 @@ def test_the_page_is_one_file_with_its_images_inside():
 
 
 def test_an_unfinished_run_is_not_collected(tmp_path):
-    with pytest.raises(InputError, match=r"no table_1\.json"):
+    with pytest.raises(InputError, match=r"config\.toml"):
         collect(tmp_path, tmp_path / "out")
     assert not (tmp_path / "out").exists()

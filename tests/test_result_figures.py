@@ -21,6 +21,7 @@ def box(x, y, length, width, kind="wall"):
     return Box(kind, np.array([x, y, 0.0]), np.array([length, width, 3.0]))
 
 
+METHODS = ("nn-raw", "rule", "evidence")
 WALL = box(0.0, 0.0, 4.0, 0.2)
 PILLAR = box(0.0, 0.0, 0.6, 0.6, "pillar")
 
@@ -64,26 +65,29 @@ def test_boxes_are_drawn_where_they_are():
     assert axes.patches[0].get_fill() and not axes.patches[1].get_fill()
 
 
-def test_every_scored_row_has_its_marks(tmp_path):
+def test_every_scored_row_has_the_mark_of_its_method(tmp_path):
     figure = table.draw(RESULTS, tmp_path / "table.png")
     rows = [row for row in json.loads((RESULTS / "table_1.json").read_text())["rows"] if row["label_kind"] == "true"]
-    marks = [line for axes in figure.findobj(type(figure.subfigs[0].axes[0])) for line in axes.lines]
-    shown = [float(line.get_xdata()[0]) for line in marks if line.get_marker() in ("s", "^", "D", "o")]
-    wanted = [row["precision_at_95"] for row in rows if row["precision_at_95"] is not None]
-    np.testing.assert_allclose(np.sort(shown), np.sort(wanted))
+    lines = [line for axes in figure.findobj(type(figure.subfigs[0].axes[0])) for line in axes.lines]
+    for method, marker in {"nn-raw": "s", "rule": "D", "evidence": "o", "network": "^"}.items():
+        shown = [float(line.get_xdata()[0]) for line in lines if line.get_marker() == marker]
+        own = [row for row in rows if (row["method"] if row["method"] in METHODS else "network") == method]
+        wanted = [row["precision_at_95"] for row in own if row["precision_at_95"] is not None]
+        np.testing.assert_allclose(np.sort(shown), np.sort(wanted))
     assert (tmp_path / "table.png").stat().st_size > 50_000
 
 
-def test_every_study_has_its_curves(tmp_path):
+@pytest.mark.parametrize("row, metric", enumerate(("roc_auc", "precision_at_95")))
+def test_every_study_has_its_curves(tmp_path, row, metric):
     figure = studies.draw(RESULTS, tmp_path / "studies.png")
     rows = json.loads((RESULTS / "studies.json").read_text())["rows"]
-    names = list(dict.fromkeys(row["study"] for row in rows))
-    assert len(figure.axes) == 2 * len(names)
-    for axes, name in zip(figure.axes, [one for one in studies.STUDIES if one in names], strict=False):
-        own = [row for row in rows if row["study"] == name and row["method"] == "evidence"]
-        own = [row for row in own if row["roc_auc"] is not None]
-        levels = sorted({row["level"] for row in own if row["level"] is not None})
-        mean = [np.mean([row["roc_auc"] for row in own if row["level"] == level]) for level in levels]
-        curve = next(bars for bars in axes.containers if bars.get_label() == "evidence").lines[0]
-        np.testing.assert_allclose(np.asarray(curve.get_xdata(), float), levels)
-        np.testing.assert_allclose(np.asarray(curve.get_ydata(), float), mean)
+    names = [name for name in studies.STUDIES if name in {one["study"] for one in rows}]
+    assert len(figure.axes) == 2 * len(names) and len(names) == len({one["study"] for one in rows})
+    for axes, name in zip(figure.axes[row * len(names) : (row + 1) * len(names)], names, strict=True):
+        for method in ("evidence", "nn"):
+            own = [one for one in rows if (one["study"], one["method"]) == (name, method) and one[metric] is not None]
+            levels = sorted({one["level"] for one in own})
+            mean = [np.mean([one[metric] for one in own if one["level"] == level]) for level in levels]
+            curve = next(bars for bars in axes.containers if bars.get_label() == method).lines[0]
+            np.testing.assert_allclose(np.asarray(curve.get_xdata(), float), levels)
+            np.testing.assert_allclose(np.asarray(curve.get_ydata(), float), mean)

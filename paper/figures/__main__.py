@@ -40,6 +40,9 @@ def figure_scripts() -> dict[str, Callable]:
 
 def draw_all(scripts: Iterable[tuple[str, Callable]], run: Path, folder: Path) -> int:
     """Draw one after the other, and go on when one cannot be drawn; the exit code."""
+    if folder.exists() and not folder.is_dir():
+        print(f"error: --out: expected a folder, found the file {folder}", file=sys.stderr)
+        return 2
     folder.mkdir(parents=True, exist_ok=True)
     code = 0
     for name, draw in scripts:

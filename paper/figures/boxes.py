@@ -19,6 +19,7 @@ from jaxmm import runs
 from jaxmm.boxes import Box, BoxSettings, fit_boxes
 from jaxmm.figures import save, styled
 from jaxmm.files import load_json
+from jaxmm.inputs import InputError
 from jaxmm.paper_models import load_networks
 from jaxmm.paper_rows import ROOMS, TestScenes
 from jaxmm.stages import STAGES
@@ -110,6 +111,8 @@ def _panel(axes: Axes, case: Case, shown: tuple[np.ndarray, np.ndarray, list[Box
         draw_true(axes, true)
         draw_found(axes, found, change)
         return
+    if not true:
+        raise InputError(f"{case.scenes}: expected an example with what really changed, found none")
     along = np.argmax(true[0].dimensions[:2] if abs(true[0].rotation) % 180 < 45 else true[0].dimensions[1::-1])
     draw_room(axes, points[:, [along, 2, 1 - along]], changed, told)
     axes.set(xlabel=f"{'xy'[along]} [m]", ylabel="z [m]")

@@ -10,18 +10,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from jaxmm.evidence import FRACTIONS
-from jaxmm.figures import BLACK, BLUE, ORANGE, PALE, VERMILLION, save, styled
+from jaxmm.figures import BLACK, BLUE, GREY, PALE, VERMILLION, save, styled
 from jaxmm.room_figures import marker_area, room_axes
 from paper.figures.panels import Place, command, example_of, inside, judged, page, titled
 
-COLORS = {"through": VERMILLION, "support": PALE, "blocked": BLUE, "unseen": BLACK}
+COLORS = {"through": VERMILLION, "support": PALE, "blocked": BLUE, "unseen": GREY}
 WORDS = {
     "through": "through: the robot sees beyond it\n(robot scan: it lies behind what the model expects)",
     "support": "support: both see the same",
     "blocked": "blocked: the robot sees something in front\n(robot scan: it stands in front of what the model expects)",
     "unseen": "unseen: no return",
 }
-RING = ORANGE  # around what really changed
+RING = BLACK  # around what really changed
 
 
 @styled
