@@ -11,6 +11,7 @@ import pytest
 from sklearn import metrics
 
 from jaxmm import figures, room_figures, runs
+from jaxmm.calibration import reliability
 from jaxmm.config import CONDITIONS, SCENARIOS, load
 from jaxmm.files import write_arrays, write_json
 from jaxmm.inputs import InputError
@@ -22,8 +23,9 @@ from jaxmm.room_figures import ScoredCloud
 from jaxmm.rule import rule_scores
 from jaxmm.stages import STAGE, STAGES
 from paper.figures import __main__ as folder
-from paper.figures import curves, network, outcomes, threshold_curves, voxels
+from paper.figures import boxes, curves, network, outcomes, threshold_curves, verdicts, voxels
 from paper.figures import object_filter as filter_figure
+from paper.figures import reliability as reliability_figure
 from paper.figures.panels import COLUMNS, METHODS, command, example_of, few, mixed, raw_pair, training_curves
 from warp_scanner.scenes import STRUCTURE
 
@@ -268,3 +270,51 @@ def test_unknown_figures_are_refused(run, tmp_path, capsys):
         folder.main([str(run), "--out", str(tmp_path / "out"), "--only", "heatmap"])
     assert end.value.code == 2 and "heatmaps" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_verdicts_are_drawn_of_the_first_room_that_has_all_kinds_or_the_last_that_was_tried(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(verdicts, "TRIED", 2)
+    figure = verdicts.draw(run, tmp_path / "verdicts.png")
+    told = {text.get_text() for legend in figure.legends for text in legend.get_texts()}
+    assert {"present", "sensor and its heading"} <= told and (tmp_path / "verdicts.png").stat().st_size > 5_000
+
+
+def test_reliability_sums_all_rooms_of_a_condition(run, tmp_path):
+    rng, sums = np.random.default_rng(0), {}
+    for scenario, condition in COLUMNS:
+        rooms = []
+        for _ in range(3):
+            probability = rng.random(400)
+            label = rng.random(400) < probability
+            made = {name: reliability(probability, label) for name in ("xyz_nn", "evidence")}
+            sums.setdefault(condition, []).append(made["evidence"].count)
+            told = {
+                name: {"reliability": {k: v.tolist() for k, v in one._asdict().items()}} for name, one in made.items()
+            }
+            rooms.append({"sides": {scenario: {"methods": told}}})
+        write_json(run / STAGES / "rooms" / f"{scenario}_{condition}" / "rooms.json", rooms)
+    figure = reliability_figure.draw(run, tmp_path / "reliability.png")
+    shown = {line.get_label().split(":")[0]: np.asarray(line.get_ydata(), float) for line in figure.axes[0].lines[1:]}
+    assert set(shown) == {
+        f"{name}, {condition}" for name in ("thesis's network", "evidence") for condition in CONDITIONS
+    }
+    for condition in CONDITIONS:
+        np.testing.assert_allclose(shown[f"evidence, {condition}"].mean(), 0.5, atol=0.06)
+        assert sum(map(np.sum, sums[condition])) == 3 * 4 * 400
+
+
+def test_true_boxes_are_those_of_the_scene_that_is_shown(run):
+    case = boxes.CASES[0]._replace(scenes="pillar_added_clean", scenario="pillar_added")
+    path = run / STAGES / "rooms" / case.scenes / "rooms.json"
+    one = {"object_type": "pillar", "center": [1, 2, 0], "dimensions": [1, 1, 3], "rotation": 10.0}
+    side = {"true_box": one, "other_boxes": [one | {"center": [4, 2, 0]}]}
+    write_json(path, [{"room": 7, "place": "", "sides": {"pillar_added": side}}])
+    assert [box.center[0] for box in boxes.true_boxes(run, case, 7, "")] == [1, 4]
+    assert boxes.true_boxes(run, case, 8, "") == []
+
+
+def test_a_file_in_the_place_of_the_folder_is_one_line(run, tmp_path, capsys):
+    (tmp_path / "taken").write_text("mine")
+    assert folder.main([str(run), "--out", str(tmp_path / "taken"), "--only", "network"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "expected a folder" in line and (tmp_path / "taken").read_text() == "mine"

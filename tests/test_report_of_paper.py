@@ -106,3 +106,10 @@ def test_an_unfinished_run_is_not_collected(tmp_path):
     with pytest.raises(InputError, match=r"config\.toml"):
         collect(tmp_path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_results_are_not_written_into_a_file(results, tmp_path):
+    (tmp_path / "taken").write_text("mine")
+    with pytest.raises(InputError, match="expected a folder"):
+        collect(results, tmp_path / "taken")
+    assert (tmp_path / "taken").read_text() == "mine"

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from sklearn import metrics
 
 from jaxmm.config import CONDITIONS
-from jaxmm.figures import BLACK, BLUE, ORANGE, PALE, save, styled
+from jaxmm.figures import save, styled
 from jaxmm.room_figures import ScoredCloud
-from paper.figures.panels import METHODS, Place, command, example_of, grid, inside, titled
+from paper.figures.panels import COLORS, METHODS, Place, command, example_of, grid, inside, titled
 
 
 class Look(NamedTuple):
@@ -28,10 +28,10 @@ class Look(NamedTuple):
 
 
 LOOKS = {
-    "nn-raw": Look("raw distance", PALE, "-", 8.0),
-    "rule": Look("rule on evidence", ORANGE, "-", 4.5),
-    "xyz_nn": Look(METHODS["xyz_nn"], BLUE, "-", 2.2),
-    "evidence": Look(METHODS["evidence"], BLACK, (0, (2, 1.5)), 1.3),
+    "nn-raw": Look("raw distance", COLORS["nn-raw"], "-", 8.0),
+    "rule": Look("rule on evidence", COLORS["rule"], "-", 4.5),
+    "xyz_nn": Look(METHODS["xyz_nn"], COLORS["network"], "-", 2.2),
+    "evidence": Look(METHODS["evidence"], COLORS["evidence"], (0, (2, 1.5)), 1.6),
 }
 LEAST = 1e-4  # false positive rate at which its logarithmic axis begins
 

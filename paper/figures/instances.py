@@ -10,10 +10,8 @@ from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 
 from jaxmm.figures import save, styled
-from jaxmm.room_figures import marker_area, room_axes
-from paper.figures.panels import Place, command, example_of, inside, judged, page, raw_pair, titled
-
-MOST = 25_000  # points of a panel
+from jaxmm.room_figures import room_axes
+from paper.figures.panels import Place, command, dots, example_of, few, inside, judged, page, raw_pair, titled
 
 
 @styled
@@ -24,11 +22,10 @@ def draw(run: Path, path: Path) -> Figure:
         room = example_of(run, f"{scenario}_{condition}", scenario).room
         pair = raw_pair(run, scenario, condition, room)
         scan = pair.dt if judged(scenario) == "DT scan" else pair.robot
-        few = np.random.default_rng(0).permutation(len(scan.points))[:MOST]
-        points, element = scan.points[few], scan.element[few]
-        axes, shown = room_axes(figure, inside(place), points, scan.changed[few])
-        axes.scatter(*points[shown].T, c=colors_of(element[shown]), s=marker_area(shown), linewidths=0,
-                     depthshade=False, clip_on=False, rasterized=True)  # fmt: skip
+        chosen = few(len(scan.points))
+        points, element = scan.points[chosen], scan.element[chosen]
+        axes, shown = room_axes(figure, inside(place), points, scan.changed[chosen])
+        dots(axes, points[shown], colors_of(element[shown]), shown)
         axes.set_title(f"{titled(scenario, condition)}\n{judged(scenario)}, room {room}")
 
     return save(page("One colour for every object that was scanned", panel, legend=0.01), path)

@@ -22,7 +22,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from jaxmm import runs
 from jaxmm.config import CONDITIONS, SCENARIOS, Config
 from jaxmm.evidence import FEATURES
-from jaxmm.figures import Curves, curves_from_records
+from jaxmm.figures import BLUE, GREY, ORANGE, VERMILLION, Curves, curves_from_records
 from jaxmm.files import load_arrays, load_json
 from jaxmm.inputs import InputError
 from jaxmm.paper_models import ENTRIES, MODELS
@@ -35,6 +35,7 @@ from warp_scanner.points import points_of
 
 EXAMPLE = "example.npz"
 METHODS = {"xyz_nn": "thesis network", "evidence": "ours (evidence)"}  # those shown side by side, and their words
+COLORS = {"nn-raw": GREY, "rule": VERMILLION, "network": ORANGE, "evidence": BLUE}  # of methods, in every figure
 BY_METHOD = tuple((method, condition) for method in METHODS for condition in CONDITIONS)  # rows of a `grid`
 MOST = 25_000  # points of one cloud in a panel
 COLUMNS = tuple((scenario, condition) for scenario in SCENARIOS for condition in CONDITIONS)

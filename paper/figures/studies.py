@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxmm.figures import BLUE, GREY, ORANGE, VERMILLION, save, styled
+from jaxmm.figures import save, styled
 from jaxmm.files import load_json
-from paper.figures.panels import command
+from paper.figures.panels import COLORS, command
 
 STUDIES = {  # study: (title, label of x, logarithmic)
     "training rooms": ("training rooms (compact networks)", "pairs of scans", True),
@@ -25,10 +25,10 @@ STUDIES = {  # study: (title, label of x, logarithmic)
 }
 METRICS = {"roc_auc": "ROC AUC", "precision_at_95": "precision at 95 % recall"}
 LOOKS = {
-    "nn-raw": (GREY, "s", ":"),
-    "nn": (ORANGE, "^", "-."),
-    "rule": (VERMILLION, "D", "--"),
-    "evidence": (BLUE, "o", "-"),
+    "nn-raw": (COLORS["nn-raw"], "s", ":"),
+    "nn": (COLORS["network"], "^", "-."),
+    "rule": (COLORS["rule"], "D", "--"),
+    "evidence": (COLORS["evidence"], "o", "-"),
 }
 
 

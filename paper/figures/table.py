@@ -12,17 +12,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxmm.figures import BLACK, BLUE, GREY, ORANGE, VERMILLION, save, styled
+from jaxmm.figures import BLACK, save, styled
 from jaxmm.files import load_json
 from jaxmm.paper_rows import SECTIONS
-from paper.figures.panels import command
+from paper.figures.panels import COLORS, command
 
 METRIC = "precision_at_95"
 LOOKS = {  # method: (name, colour, marker)
-    "nn-raw": ("nn-raw: the distance itself", GREY, "s"),
-    "network": ("the thesis's network", ORANGE, "^"),
-    "rule": ("rule: evidence, not learned", VERMILLION, "D"),
-    "evidence": ("evidence", BLUE, "o"),
+    "nn-raw": ("nn-raw: the distance itself", COLORS["nn-raw"], "s"),
+    "network": ("the thesis's network", COLORS["network"], "^"),
+    "rule": ("rule: evidence, not learned", COLORS["rule"], "D"),
+    "evidence": ("evidence", COLORS["evidence"], "o"),
 }
 FIRST = "generated rooms"  # of several sources of a section, the one that every machine has comes first
 
