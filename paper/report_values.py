@@ -82,8 +82,8 @@ class Results:
             cells = [f"{best['test_case'].lower()}, {best['condition']}", f"{best['scene_count']}/{best['room_count']}"]
             cells += [_number(told["roc_auc"]) if told else "-", _pair(own["nn-raw"]), _pair(own["rule"])]
             cells += [f"{_pair(network)} ({network.get('training')})" if network["roc_auc"] is not None else "-"]
-            interval = best["ci95"]["roc_auc"]
-            cells += [_pair(best), _outwards(*interval) if interval else "-"]
+            interval, behind = best["ci95"]["roc_auc"], {_key(row) for row in self._behind(labels)}
+            cells += [_pair(best) + " †" * (key in behind), _outwards(*interval) if interval else "-"]
             lines.append(_line(cells))
         return "\n".join(lines)
 
@@ -156,9 +156,12 @@ class Results:
                 told[place] = f"{row['wrong_labels']:,} wrong labels of {row['positives']:,} positives ({place})"
         return "; ".join(told.values()) or "no pair"
 
+    def _behind(self, labels: str) -> list[dict[str, Any]]:
+        return not_best([row for row in self.rows if row["label_kind"] == labels])
+
     def behind(self, labels: str = "true") -> str:
         """The rows in which another method ranks better than evidence."""
-        rows = not_best([row for row in self.rows if row["label_kind"] == labels])
+        rows = self._behind(labels)
         if not rows:
             return "There is none."
         head = ["section", "test case", "best", "its AUC", "evidence"]

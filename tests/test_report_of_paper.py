@@ -67,6 +67,15 @@ def test_without_the_released_scans_the_report_says_so(results):
     assert "no released scans at hand" in told and "**Focal loss.**" in told and "released weights reach" not in told
 
 
+def test_rows_that_are_not_won_are_marked():
+    marked = [line for line in report().split("\n") if " † |" in line]
+    behind = Results(RESULTS).behind().split("\n")[2:]
+    assert len(marked) == len(behind) > 0
+    for line in behind:
+        case, _, best = [cell.strip() for cell in line.strip("| ").split(" | ")][1:4]
+        assert any(row.startswith(f"| {case} |") and best in row for row in marked)
+
+
 def test_wins_and_gains_are_counted_by_the_rows():
     found, groups = Results(RESULTS), {}
     for row in found.rows:
