@@ -93,31 +93,37 @@ def test_the_original_comes_back(pair, tmp_path):
     assert before == {path.name: path.read_bytes() for path in folder.iterdir()} and set(before) == {UPDATED, UNDO}
 
 
-def refused(updated, out, *words):
+def refusal(updated, out) -> str:
+    """The one line in which undoing ends; nothing is written."""
     with pytest.raises(InputError) as error:
         revert(updated, out)
     assert "\n" not in str(error.value)
-    assert all(word in str(error.value) for word in words), error.value
     assert not out.exists() or out in (updated, updated.with_name(UNDO))
+    return str(error.value)
 
 
 def test_what_does_not_belong_together_is_refused(pair, tmp_path):
     folder, _ = pair
     updated, undo, out = folder / UPDATED, folder / UNDO, tmp_path / "back.ifc"
-    refused(updated, updated, "another name")
-    refused(updated, undo, "another name")
-    refused(folder, out, "nothing there")
-    refused(tmp_path / "none.ifc", out, UNDO, "nothing there")
+    assert "another name" in refusal(updated, updated)
+    assert "another name" in refusal(updated, undo)
+    assert "nothing there" in refusal(folder, out)
+    said = refusal(tmp_path / "none.ifc", out)
+    assert UNDO in said and "nothing there" in said
     text = updated.read_bytes()
     updated.write_bytes(text.replace(b"#999", b"#998"))
-    refused(updated, out, UPDATED, "another or an edited one")
+    said = refusal(updated, out)
+    assert UPDATED in said and "another or an edited one" in said
     updated.unlink()
-    refused(updated, out, UPDATED, "nothing there")
+    said = refusal(updated, out)
+    assert UPDATED in said and "nothing there" in said
     updated.write_bytes(text)
     undo.unlink()
-    refused(updated, out, UNDO, "nothing there")
+    said = refusal(updated, out)
+    assert UNDO in said and "nothing there" in said
     undo.mkdir()
-    refused(updated, out, UNDO, "a folder")
+    said = refusal(updated, out)
+    assert UNDO in said and "a folder" in said
 
 
 def test_an_undo_cut_off_at_any_byte_is_refused(pair, tmp_path):
@@ -125,7 +131,7 @@ def test_an_undo_cut_off_at_any_byte_is_refused(pair, tmp_path):
     whole = (folder / UNDO).read_bytes().rstrip()
     for length in range(0, len(whole), 3):
         (folder / UNDO).write_bytes(whole[:length])
-        refused(folder / UPDATED, tmp_path / "back.ifc", UNDO)
+        assert UNDO in refusal(folder / UPDATED, tmp_path / "back.ifc")
 
 
 @pytest.mark.parametrize(
@@ -135,7 +141,7 @@ def test_an_undo_cut_off_at_any_byte_is_refused(pair, tmp_path):
 def test_another_json_is_refused(pair, tmp_path, content):
     folder, _ = pair
     (folder / UNDO).write_bytes(content)
-    refused(folder / UPDATED, tmp_path / "back.ifc", UNDO)
+    assert UNDO in refusal(folder / UPDATED, tmp_path / "back.ifc")
 
 
 @pytest.mark.parametrize(
@@ -148,9 +154,11 @@ def test_a_damaged_edit_is_refused(pair, tmp_path, name, value):
     content = json.loads((folder / UNDO).read_text())
     content["edits"][1] = value if name is None else content["edits"][1] | {name: value}
     (folder / UNDO).write_text(json.dumps(content))
-    refused(folder / UPDATED, tmp_path / "back.ifc", UNDO, "damaged")
+    said = refusal(folder / UPDATED, tmp_path / "back.ifc")
+    assert UNDO in said and "damaged" in said
     (folder / UNDO).write_text(json.dumps(content | {"edits": value}))
-    refused(folder / UPDATED, tmp_path / "back.ifc", UNDO, "damaged")
+    said = refusal(folder / UPDATED, tmp_path / "back.ifc")
+    assert UNDO in said and "damaged" in said
 
 
 def test_a_flipped_bit_never_gives_another_file(pair, tmp_path):

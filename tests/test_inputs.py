@@ -11,14 +11,13 @@ def saved(path, array, **options):
     return path
 
 
-def refuses(read, path, *words):
-    """`read(path)` ends in one line that names the file and says each of the words."""
+def refusal(read, path) -> str:
+    """The one line in which `read(path)` ends; it names the file."""
     with pytest.raises(InputError) as caught:
         read(path)
     message = str(caught.value)
-    assert "\n" not in message and len(message) < 600
-    for word in (str(path), *words):
-        assert word in message
+    assert "\n" not in message and len(message) < 600 and str(path) in message
+    return message
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.float16, np.int16, ">f4"])
@@ -48,7 +47,7 @@ def test_points_come_back_as_written(tmp_path, dtype, order):
     ],
 )
 def test_points_that_are_none_are_refused(tmp_path, array, word):
-    refuses(read_points, saved(tmp_path / "a.npy", array), word)
+    assert word in refusal(read_points, saved(tmp_path / "a.npy", array))
 
 
 def test_objects_are_never_unpickled(tmp_path):
@@ -57,17 +56,17 @@ def test_objects_are_never_unpickled(tmp_path):
             return (open, (str(tmp_path / "exploded"), "w"))
 
     array = np.array([[Bomb(), 0, 0]], object)
-    refuses(read_points, saved(tmp_path / "a.npy", array, allow_pickle=True), "numbers")
+    assert "numbers" in refusal(read_points, saved(tmp_path / "a.npy", array, allow_pickle=True))
     assert not (tmp_path / "exploded").exists()
 
 
 def test_what_is_no_npy_file_is_refused(tmp_path):
-    refuses(read_points, tmp_path / "none.npy", "nothing there")
-    refuses(read_points, tmp_path, "a folder")
+    assert "nothing there" in refusal(read_points, tmp_path / "none.npy")
+    assert "a folder" in refusal(read_points, tmp_path)
     np.savez(tmp_path / "a.npz", np.zeros((3, 3)))
-    refuses(read_points, tmp_path / "a.npz")
+    assert refusal(read_points, tmp_path / "a.npz")
     (tmp_path / "b.npy").write_bytes(b"")
-    refuses(read_points, tmp_path / "b.npy")
+    assert refusal(read_points, tmp_path / "b.npy")
 
 
 def test_every_truncation_is_refused(tmp_path):
@@ -75,7 +74,7 @@ def test_every_truncation_is_refused(tmp_path):
     cut = tmp_path / "cut.npy"
     for length in range(len(whole)):
         cut.write_bytes(whole[:length])
-        refuses(read_points, cut)
+        assert refusal(read_points, cut)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +84,7 @@ def test_a_header_that_promises_too_much_takes_no_memory(tmp_path, shape):
     header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     path = tmp_path / "a.npy"
     path.write_bytes(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(120))
-    refuses(read_points, path)
+    assert refusal(read_points, path)
 
 
 @pytest.mark.filterwarnings("ignore")  # a damaged header is Python text that may warn when parsed
@@ -123,7 +122,7 @@ def test_labels_come_back_as_written(tmp_path, dtype):
     ],
 )
 def test_labels_that_are_none_are_refused(tmp_path, array, word):
-    refuses(lambda path: read_labels(path, 20), saved(tmp_path / "a.npy", array), word)
+    assert word in refusal(lambda path: read_labels(path, 20), saved(tmp_path / "a.npy", array))
 
 
 def test_csv_finds_its_columns_by_name(tmp_path):
@@ -155,10 +154,10 @@ def test_csv_finds_its_columns_by_name(tmp_path):
 )
 def test_csv_that_is_none_is_refused(tmp_path, text, word):
     (tmp_path / "a.csv").write_text(text)
-    refuses(read_csv, tmp_path / "a.csv", word)
+    assert word in refusal(read_csv, tmp_path / "a.csv")
 
 
 def test_bytes_that_are_no_text_are_refused(tmp_path):
     (tmp_path / "a").write_bytes(b"X;Y;Z;categoryID\n\xff\xfe")
-    refuses(read_csv, tmp_path / "a", "UTF-8")
-    refuses(read_csv, tmp_path / "none", "nothing there")
+    assert "UTF-8" in refusal(read_csv, tmp_path / "a")
+    assert "nothing there" in refusal(read_csv, tmp_path / "none")

@@ -132,31 +132,39 @@ def test_a_damaged_shard_is_named_when_its_first_cloud_is_drawn(folder, tmp_path
     assert "\n" not in str(caught.value)
 
 
-def refused(config, folder, seal, *words):
+def refusal(config, folder, seal) -> str:
+    """The one line in which loading ends."""
     with pytest.raises(InputError) as caught:
         shard_clouds(config, folder, seal)
-    assert "\n" not in str(caught.value) and all(str(word) in str(caught.value) for word in words), caught.value
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
 
 
 def test_shards_that_do_not_fit_the_run_are_refused(folder, tmp_path):
     seal = tmp_path / "seal.json"
     scan = dataclasses.replace(CONFIG, scan=Table.of({"width": 97, "height": 60}))
-    refused(scan, folder, seal, folder, "other scan settings")
+    said = refusal(scan, folder, seal)
+    assert str(folder) in said and "other scan settings" in said
     seed = dataclasses.replace(CONFIG, data=DataConfig(train_seed=12))
-    refused(seed, folder, seal, folder, "train_seed")
-    refused(CONFIG, tmp_path, seal, tmp_path, "manifest.json", "found none")
+    said = refusal(seed, folder, seal)
+    assert str(folder) in said and "train_seed" in said
+    said = refusal(CONFIG, tmp_path, seal)
+    assert str(tmp_path) in said and "manifest.json" in said and "found none" in said
     few = tmp_path / "few"
     generate(CONFIG, few, Request(6, workers=1))
-    refused(CONFIG, few, seal, few, "6 pairs are too few")
+    said = refusal(CONFIG, few, seal)
+    assert str(few) in said and "6 pairs are too few" in said
     seal.unlink()
     manifest = shards.read_manifest(folder)
     (tmp_path / "part").mkdir()
     shards.write_manifest(tmp_path / "part", manifest._replace(shards={}))
-    refused(CONFIG, tmp_path / "part", seal, "0 of 1 shards")
+    said = refusal(CONFIG, tmp_path / "part", seal)
+    assert "0 of 1 shards" in said
     shard_clouds(CONFIG, folder, seal)
     shard_clouds(dataclasses.replace(CONFIG, seed=5), folder, seal)  # settings of other stages say nothing about clouds
     seal.write_text('["another"]')
-    refused(CONFIG, folder, seal, seal, "other shards")
+    said = refusal(CONFIG, folder, seal)
+    assert str(seal) in said and "other shards" in said
 
 
 def test_source_and_folder_go_together():
