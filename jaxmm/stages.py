@@ -1,12 +1,13 @@
 """Stages of a long run, cached by content: a stage is made anew when its settings, its code or its inputs are others.
 
-Each stage has a folder `stages/<name>/` with `stage.json`: the key, and what it was made of. What the key covers is
-the stage's to say: the part of the settings that matters to it, the modules whose code does (with all that they import,
-comments and docstrings left out), and the keys of the stages that it reads. So a changed figure or table retrains
-nothing. Within a stage every file is whole or absent, and a stage that was killed goes on where it was.
+Each stage has a folder `stages/<name>/` with `stage.json`: the key, what it was made of, and when. What the key covers
+is the stage's to say: the part of the settings that matters to it, the modules whose code does (with all that they
+import, comments and docstrings left out), and the keys of the stages that it reads. So a changed figure or table
+retrains nothing. Within a stage every file is whole or absent, and a stage that was killed goes on where it was.
 """
 
 import ast
+import datetime
 import functools
 import hashlib
 import json
@@ -49,6 +50,7 @@ def open_stage(run: Path, stage: Stage) -> Path:
         (folder / STAGE).unlink(missing_ok=True)
         shutil.rmtree(folder, ignore_errors=True)
         told = stage._asdict() | {"key": key, "code": code_of(stage.modules, stage.apart), "versions": _versions()}
+        told["date"] = datetime.datetime.now(datetime.UTC).date().isoformat()  # a file's own time is lost in copies
         write_json(folder / STAGE, json.loads(json.dumps(told, default=list)))
     return folder
 

@@ -7,7 +7,6 @@ run was made, and how many points, rooms and models it took.
 """
 
 import argparse
-import datetime
 import json
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 from jaxmm import runs
 from jaxmm.files import load_arrays, load_json, write_json, write_text
 from jaxmm.inputs import InputError
-from jaxmm.stages import STAGES
+from jaxmm.stages import STAGE, STAGES
 
 TABLES = ("table_1", "label_noise", "studies", "thesis_scans")  # the last only where the thesis's data was there
 NEEDED = TABLES[:-1]
@@ -55,9 +54,8 @@ def told(run: Path) -> dict[str, Any]:
     scored = ("rooms/*/rooms.json", "files/*/building_*.json", "sweeps/*/*_*ed.json", "scaling_rooms/*/rooms.json")
     scenes = [load_json(path) for pattern in scored for path in sorted(stages.glob(pattern))]
     clouds = [load_arrays(path)["count"] for path in sorted(stages.glob("clouds/data/train_*.npz"))]
-    made = datetime.datetime.fromtimestamp((run / "table_1.json").stat().st_mtime, datetime.UTC)
     return {
-        "date": made.date().isoformat(),
+        "date": max(load_json(path)["date"] for path in stages.rglob(STAGE)),
         "versions": load_json(run / runs.VERSIONS),
         "networks": len(load_json(stages / "models" / "entries.json")),
         "training_clouds": sum(map(len, clouds)),

@@ -1,5 +1,6 @@
 """Stages are made anew when what matters to them is another, and only then."""
 
+import datetime
 import json
 import shutil
 
@@ -79,6 +80,7 @@ def test_a_folder_stays_with_its_key_and_is_emptied_with_another(tmp_path):
     assert (folder / "result").read_text() == "kept"
     told = json.loads((folder / "stage.json").read_text())
     assert told["settings"] == {"steps": 3} and told["key"] == key_of(STAGE) and "git_commit" in told["versions"]
+    assert abs(datetime.date.fromisoformat(told["date"]) - datetime.datetime.now(datetime.UTC).date()).days <= 1
     assert open_stage(tmp_path, STAGE._replace(settings={"steps": 4})) == folder
     assert [path.name for path in folder.iterdir()] == ["stage.json"]
 
