@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.config import bounded
 from jaxmm.inputs import InputError
 from jaxmm.registration import register
 from jaxmm.scan_rays import PosedScan
@@ -32,9 +33,13 @@ class Placed(NamedTuple):
 class FitLimits:
     """What a scan must reach to be believed."""
 
-    least_overlap: float = 0.12  # share of its points within 0.1 m of the prior's surface; much may be new, or gone
-    most_residual: float = 0.07  # [m]; chance alone gives 0.074
-    least_upright: float = 0.12  # share of what it sees of walls that lies on walls: floors and ceilings fit anywhere
+    least_overlap: float = bounded(
+        0.12, 0.0, 1.0
+    )  # share of its points within 0.1 m of the prior's surface; much may be new, or gone
+    most_residual: float = bounded(0.07, 0.0)  # [m]; chance alone gives 0.074
+    least_upright: float = bounded(
+        0.12, 0.0, 1.0
+    )  # share of what it sees of walls that lies on walls: floors and ceilings fit anywhere
 
 
 # A cloud as prior shows what was in sight once: of what stands behind a wall that is gone now, nothing.
@@ -60,7 +65,7 @@ def place(scan: PosedScan, prior: np.ndarray, *, refine: bool = True, limits: Fi
     found = register(scan.points[::every], prior, scan.position)
     overlap = found.overlap if refine else found.overlap_before
     if not refine:  # whoever believes a pose believes it of a view that is all new, too
-        return Placed(scan, 0.0, 0.0, found.residual, overlap, overlap)
+        return Placed(scan, 0.0, 0.0, found.residual_before, overlap, overlap)
     if overlap < limits.least_overlap or not found.residual <= limits.most_residual:
         off = f", {found.residual:.3f} m off" if np.isfinite(found.residual) else ""
         told = f"{overlap:.0%} of its points match the prior{off}"

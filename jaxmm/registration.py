@@ -2,7 +2,8 @@
 
 World frame: metres, z up. N points of the scan. Motions are (4, 4) rigid transforms of the scan about the place of the
 sensor. Surfaces that changed have nothing to lie upon: they are left out by how far off they are, first roughly, then
-narrowly. What the surfaces leave open (along a corridor, or before one bare wall) stays as it was believed.
+narrowly. What the surfaces leave open (along a corridor, or before one bare wall) stays as it was believed; and so does
+a scan whose walls lie upon the prior's from the start, whatever else of it does not.
 """
 
 from typing import NamedTuple
@@ -19,6 +20,10 @@ CUT = 0.1  # [m] farther off a surface, a point counts as no match
 UPRIGHT = 0.3  # a surface whose normal rises by less stands
 ALIKE = 0.9  # cosine of the angle between the normals of one surface, at least
 BELIEVED = (0.1, 0.1, 0.1, 0.05, 0.05, 0.05)  # [m, rad] standard deviations of the start
+EXACT = (0.02, 0.02, 0.02, 0.01, 0.01, 0.01)  # the same of a start that fits as it is
+AS_CLOSE = (1.2, 0.004)  # times, plus [m]: as far off as walls may lie at such a start, of what they lie after a motion
+LEAST_SHARE = 0.1  # of the points on walls, and
+LEAST_WALLS = 30  # points, that must match walls to tell so
 FAR = 0.01  # cost of a motion by one standard deviation, in shares of points that match
 WORTH = 0.02  # neighbouring points err alike: so many independent ones is each worth
 LEAST_SIGMA = 0.005  # [m] of a point off its surface
@@ -29,9 +34,31 @@ class Registration(NamedTuple):
 
     motion: np.ndarray  # (4, 4) float64: world points of the scan as believed -> as they fit the prior
     residual: float  # [m] robust standard deviation of the distances to the prior's surface, of what matches
+    residual_before: float  # the same at the start; both NaN where nothing matches
     overlap: float  # share of the scan's points that match
     overlap_before: float  # the same at the start
     upright: float  # of its points on walls and the like, the share that match walls; NaN where it has none
+
+
+class _Fit(NamedTuple):
+    """How the scan lies on the prior after some motion; its thinned points (N,)."""
+
+    off: np.ndarray  # (N,) [m] off the surface next to each, inf where none is near
+    wall: np.ndarray  # (N,) bool: points on walls and the like
+    on_wall: np.ndarray  # (N,) bool: of those, the points that match a wall
+
+    @property
+    def overlap(self) -> float:
+        return float(np.mean(np.abs(self.off) < CUT))
+
+    @property
+    def residual(self) -> float:
+        match = np.abs(self.off) < CUT
+        return 1.4826 * float(np.median(np.abs(self.off[match]))) if match.any() else np.nan
+
+    @property
+    def upright(self) -> float:
+        return float(self.on_wall[self.wall].mean()) if self.wall.any() else np.nan
 
 
 def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray) -> Registration:
@@ -49,11 +76,9 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray) -> Registr
     target, tree = _prepared(prior, centre)
     source, _ = _prepared(scan, centre)
     if min(target.size(), source.size()) < 4 * NEIGHBOURS:
-        return Registration(np.eye(4), np.nan, 0.0, 0.0, np.nan)
-    points = source.points()[:, :3]
-    cloud = (points, target, tree)
-    start = _cost(cloud, np.eye(4))
-    found = [(start, np.eye(4))]
+        return Registration(np.eye(4), np.nan, np.nan, 0.0, 0.0, np.nan)
+    cloud = (source.points()[:, :3], target, tree)
+    motions = [np.eye(4)]
     for ladder in LADDERS:
         motion = np.eye(4)
         for reach in ladder:
@@ -61,19 +86,15 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray) -> Registr
                 target, source, tree, motion, registration_type="GICP", max_correspondence_distance=reach,
                 max_iterations=30,
             ).T_target_source  # fmt: skip
-        motion = _as_believed(cloud, motion)
-        found.append((_cost(cloud, motion), motion))
-    _, best = min(found, key=lambda item: item[0])
-    off, _, facing = _off(cloud, best)
-    before = np.mean(np.abs(_off(cloud, np.eye(4))[0]) < CUT)
-    match = np.abs(off) < CUT
-    residual = 1.4826 * float(np.median(np.abs(off[match]))) if match.any() else np.nan
+        motions.append(_as_believed(cloud, motion))
+    normals = source.normals()[:, :3]
+    start = _fit(cloud, normals, np.eye(4))
+    best = _cheapest(cloud, motions, BELIEVED)
+    if _fits_as_it_is(start, _fit(cloud, normals, best)):
+        best = _cheapest(cloud, motions, EXACT)
+    found = _fit(cloud, normals, best)
     about = _shifted(centre) @ best @ _shifted(-centre)
-    normal = source.normals()[:, :3] @ best[:3, :3].T
-    stands = np.abs(normal[:, 2]) < UPRIGHT
-    alike = match & (np.abs(np.einsum("nc,nc->n", normal, facing)) > ALIKE)
-    upright = float(alike[stands].mean()) if stands.any() else np.nan
-    return Registration(about, residual, float(match.mean()), float(before), upright)
+    return Registration(about, found.residual, start.residual, found.overlap, start.overlap, found.upright)
 
 
 def _prepared(points: np.ndarray, centre: np.ndarray):
@@ -92,13 +113,38 @@ def _off(cloud: tuple, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     return np.where(np.asarray(square) < (2 * SPACING) ** 2, off, np.inf), moved, normal
 
 
-def _cost(cloud: tuple, motion: np.ndarray) -> float:
-    """How badly a motion fits: points that match cost from 0 to 1, others 1 wherever they are, and far motions more.
+def _fit(cloud: tuple, normals: np.ndarray, motion: np.ndarray) -> _Fit:
+    """How the scan, with normals (N, 3), lies after a motion."""
+    off, _, facing = _off(cloud, motion)
+    normals = normals @ motion[:3, :3].T
+    wall = np.abs(normals[:, 2]) < UPRIGHT
+    alike = np.abs(np.einsum("nc,nc->n", normals, facing)) > ALIKE
+    return _Fit(off, wall, wall & alike & (np.abs(off) < CUT))
+
+
+def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
+    """Whether the walls that match at the start lie as closely there as any do after the best motion.
+
+    A pose that is off is off in more directions than the one which a missing wall leaves open: then what stands behind
+    that wall is no reason to move the scan onto its place.
+    """
+    if start.on_wall.sum() < LEAST_WALLS or start.upright < LEAST_SHARE or not best.on_wall.any():
+        return False
+    before, after = (float(np.sqrt(np.mean(np.square(fit.off[fit.on_wall])))) for fit in (start, best))
+    return before <= AS_CLOSE[0] * after + AS_CLOSE[1]
+
+
+def _cheapest(cloud: tuple, motions: list[np.ndarray], believed: tuple[float, ...]) -> np.ndarray:
+    """The motion that fits best: matching points cost 0 to 1, others 1 wherever they are, and far motions more.
 
     Without the latter, a wall that was removed draws what is seen behind it to its place.
     """
-    off = np.mean(np.minimum(np.square(_off(cloud, motion)[0] / CUT), 1.0))
-    return float(off + FAR * np.sum(np.square(_step_of(motion) / BELIEVED)))
+
+    def cost(motion: np.ndarray) -> float:
+        off = np.mean(np.minimum(np.square(_off(cloud, motion)[0] / CUT), 1.0))
+        return float(off + FAR * np.sum(np.square(_step_of(motion) / believed)))
+
+    return min(motions, key=cost)
 
 
 def _as_believed(cloud: tuple, motion: np.ndarray) -> np.ndarray:

@@ -46,6 +46,8 @@ def test_poses_are_believed_when_asked_to():
     found = placed(prior, off, refine=False)
     assert found.shift == found.turn == 0.0
     np.testing.assert_array_equal(found.scan.points, off.points)
+    fitted = placed(prior, off)
+    assert found.residual > 2 * fitted.residual and found.overlap == fitted.overlap_before  # told of where it lies
 
 
 def test_a_scan_that_fits_nowhere_is_refused_with_the_number():

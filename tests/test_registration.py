@@ -52,6 +52,19 @@ def test_a_scan_that_fits_stays(scans):
     assert np.median(off) < 0.005 and np.max(off) < 0.2
 
 
+@pytest.mark.parametrize("scenario, row", [("wall_removed", 7), ("pillar_removed", 4), ("pillar_removed", 32)])
+def test_what_stands_behind_a_gone_wall_is_not_drawn_to_its_place(scenario, row):
+    """Rooms in which a motion of 0.1 to 0.5 m would make more points match than the true pose does."""
+    exact = dataclasses.replace(SETTINGS, scenario=scenario, position_error=0.0, angle_error=0.0, seed=2)
+    pairs = make_pairs(exact, np.array([row]))
+    seen, shown = (
+        points_of(pairs.pose, pairs.directions, scan.distance)[0][np.isfinite(scan.distance[0])]
+        for scan in (pairs.robot, pairs.dt)
+    )
+    found = register(seen, shown, pairs.pose.position[0])
+    np.testing.assert_allclose(moved(seen, found.motion), seen, atol=0.03)
+
+
 def test_moving_all_moves_the_answer(scans):
     believed, _, prior, sensor = scans[0]
     turn, shift = Rotation.from_euler("z", 0.7).as_matrix(), np.array([4e5, -3e5, 50.0])
