@@ -60,16 +60,16 @@ def revert(updated: Path, out: Path) -> None:
 
     Args:
         updated: a file that `write_update` wrote, with its UNDO beside it.
-        out: the file to write, whole or not at all.
+        out: the new file to write, whole or not at all.
 
     Raises:
-        InputError: `updated` or its UNDO is missing, they do not belong together, UNDO is damaged, or `out` is one of
-            them.
+        InputError: `updated` or its UNDO is missing, they do not belong together, UNDO is damaged, or `out` is there
+            already: it may be the original, with edits of its own by now.
         OSError: `out` cannot be written.
     """
+    if out.exists():
+        raise InputError(f"{out}: expected the name of a new file, found one that is there")
     undo = updated.with_name(UNDO)
-    if out.resolve() in (updated.resolve(), undo.resolve()):
-        raise InputError(f"{out}: expected a file of another name than what it is made from")
     content = _load(undo)
     text = _read(updated)
     if sha256(text) != content["updated_sha256"]:

@@ -95,18 +95,21 @@ def test_the_original_comes_back(pair, tmp_path):
 
 def refusal(updated, out) -> str:
     """The one line in which undoing ends; nothing is written."""
+    before = out.read_bytes() if out.is_file() else None
     with pytest.raises(InputError) as error:
         revert(updated, out)
     assert "\n" not in str(error.value)
-    assert not out.exists() or out in (updated, updated.with_name(UNDO))
+    assert before == (out.read_bytes() if out.is_file() else None)
     return str(error.value)
 
 
 def test_what_does_not_belong_together_is_refused(pair, tmp_path):
     folder, _ = pair
     updated, undo, out = folder / UPDATED, folder / UNDO, tmp_path / "back.ifc"
-    assert "another name" in refusal(updated, updated)
-    assert "another name" in refusal(updated, undo)
+    assert "a new file" in refusal(updated, updated) and "a new file" in refusal(updated, undo)
+    own = tmp_path / "own.ifc"
+    own.write_text("edited since")
+    assert "a new file" in refusal(updated, own)
     assert "nothing there" in refusal(folder, out)
     said = refusal(tmp_path / "none.ifc", out)
     assert UNDO in said and "nothing there" in said
