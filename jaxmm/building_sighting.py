@@ -15,7 +15,7 @@ from jaxmm.views import Along, view_of_prior, view_of_robot
 from warp_scanner.buildings import element_bounds
 from warp_scanner.neighbours import nearest
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import PILLAR, WALL
+from warp_scanner.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.sightlines import Predicted, Targets, look, sort_directions
 from warp_scanner.surface import incidence_of
 from warp_scanner.triangles import TriangleScene, cast_faces, cast_triangles, clearance, face_normals
@@ -24,6 +24,7 @@ from warp_scanner.voxels import thin_clouds
 VOXEL = 0.1  # [m]
 LAYERS = 6  # of surfaces along a ray, those where it leaves something included
 BEYOND = 0.005  # [m] behind a surface, from where the next is looked for
+AROUND = np.linspace(-1.0, 1.0, 5)  # [m] about the sensor, where floor and ceiling are looked for
 FARTHEST = 2.0  # [m] beyond which the distance to the prior's surface is not looked for
 
 
@@ -109,12 +110,10 @@ def sight(scene: TriangleScene, rays: ScanRays) -> Sighting:
 def levels_of(scene: TriangleScene, rays: ScanRays, points: np.ndarray) -> tuple[float, float]:
     """Heights of the floor under the sensor and of the ceiling above it.
 
-    Where the building has none, walls and columns around the sensor's height tell; where it has none of those either,
-    what was measured does.
+    They are the middle ones of some around it: it may stand in a doorway, by a stair, or at a table. Where the building
+    has none, whatever is under and above it tells; else walls and columns around its height; else what was measured.
     """
-    vertical = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], np.float32)
-    down, up = cast_triangles(scene, Rays(rays.position[None], vertical)).distance[0].astype(np.float64)
-    floor, ceiling = rays.position[2] - down, rays.position[2] + up
+    floor, ceiling = (rays.position[2] + way * _clearance(scene, rays.position, way) for way in (-1.0, 1.0))
     if not (np.isfinite(floor) and np.isfinite(ceiling)):
         low, high = (corner[:, 2] for corner in element_bounds(scene.triangles))
         around = (
@@ -126,6 +125,20 @@ def levels_of(scene: TriangleScene, rays: ScanRays, points: np.ndarray) -> tuple
         floor = floor if np.isfinite(floor) else min(ends[0], rays.position[2])
         ceiling = ceiling if np.isfinite(ceiling) else max(ends[1], rays.position[2])
     return float(floor), float(max(ceiling, floor + 0.5))
+
+
+def _clearance(scene: TriangleScene, position: np.ndarray, way: float) -> float:
+    """Height [m] that is free under (`way` -1) or above (1) a place, inf where all is."""
+    level = np.isin(scene.triangles.semantic, (FLOOR, CEILING))
+    x, y = np.meshgrid(AROUND, AROUND)
+    places = position + np.stack([x, y, np.zeros_like(x)], -1).reshape(-1, 1, 3)
+    beside = Rays(places.reshape(-1, 3), np.array([[0.0, 0.0, way]], np.float32))
+    right_there = Rays(position[None], beside.direction)
+    for rays, present in ((beside, level), (right_there, None)):
+        free = cast_triangles(scene, rays, present).distance
+        if np.isfinite(free).any():
+            return float(np.median(free[np.isfinite(free)]))
+    return np.inf
 
 
 def _prior_view(
