@@ -26,6 +26,7 @@ from jaxmm.box_match import match_boxes
 from jaxmm.boxes import Box, fit_boxes
 from jaxmm.cloud_sighting import LEVELS
 from jaxmm.config import CONDITIONS, SCENES, UNCHANGED, Config
+from jaxmm.detect_settings import DetectSettings
 from jaxmm.evaluate import pick_model, predict
 from jaxmm.evidence import FEATURES
 from jaxmm.files import load_json, write_json
@@ -69,7 +70,7 @@ def rooms_of(config: Config, model: Model, source: CloudSource, count: int) -> l
             extent = _extent(config, pairs, row, here)
             for change, cloud in here.items():
                 judged = _judged(config, model, (cloud, change), pairs.pose.position[row], extent)
-                found = {"default": [one.box for one in find_objects(judged)], "thesis": _as_thesis(judged)}
+                found = {"default": _probable(judged), "thesis": _as_thesis(judged)}
                 truth = _truths(pairs, row, CHANGES[change])
                 scores = {preset: score_of(boxes, truth) for preset, boxes in found.items()}
                 records.append({"room": room, "change": change} | scores)
@@ -158,6 +159,10 @@ def _judged(
     )
     added = change == "added"
     return Judged(cloud.points, pillar, wall, cloud.evidence[:, APART], sensor[None], *extent, None, added)
+
+
+def _probable(judged: Judged) -> list[Box]:
+    return [one.box for one in find_objects(judged) if one.box.probability >= DetectSettings().least_probability]
 
 
 def _as_thesis(judged: Judged) -> list[Box]:

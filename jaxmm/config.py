@@ -304,5 +304,6 @@ def _check_range(field: dataclasses.Field, value: Any, where: str) -> None:
     low, high = field.metadata.get("low", -math.inf), field.metadata.get("high", math.inf)
     for number in value if isinstance(value, tuple) else (value,):
         if isinstance(number, int | float) and not (low <= number <= high and math.isfinite(number)):
-            bounds = f"at least {low:g}" if high == math.inf else f"from {low:g} to {high:g}"
+            above = "a finite number" if low == -math.inf else f"at least {low:g}"
+            bounds = above if high == math.inf else f"from {low:g} to {high:g}"
             raise ConfigError(f"{where}: expected {bounds}, got {number!r}")

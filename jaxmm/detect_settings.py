@@ -8,7 +8,7 @@ from typing import Any
 from jaxmm.boxes import BoxSettings
 from jaxmm.config import ConfigError, bounded, build, one_of
 from jaxmm.objects import ObjectSettings
-from jaxmm.placement import FitLimits
+from jaxmm.placement import OF_CLOUDS, FitLimits
 from jaxmm.verdicts import VerdictSettings
 
 PRESETS = ("default", "thesis")
@@ -27,7 +27,8 @@ class DetectSettings:
     objects: ObjectSettings = ObjectSettings()  # how the default preset makes objects of points
     boxes: BoxSettings = BoxSettings()  # how the thesis does
     verdicts: VerdictSettings = VerdictSettings()
-    limits: FitLimits = FitLimits()
+    limits: FitLimits = FitLimits()  # of a building as prior
+    cloud_limits: FitLimits = OF_CLOUDS  # of a point cloud as prior
 
     def __post_init__(self):
         if unknown := set(self.classes) - set(CLASSES):

@@ -15,7 +15,7 @@ from jaxmm.inputs import InputError
 from jaxmm.judging import Judges, Side, judge
 from jaxmm.mismatches import Looked, mismatches_of
 from jaxmm.next_view import Stage, next_views
-from jaxmm.placement import OF_CLOUDS, Placed, place
+from jaxmm.placement import Placed, place
 from jaxmm.priors import Prior
 from jaxmm.report import Detection, Drawing, ElementVerdict, Pose, ScanRecord
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
@@ -69,9 +69,9 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     records = _records(prior, scans, placed, (told, settings))
     drawing = _drawing(prior, looked, placed)
     timing["total"] = time.perf_counter() - start
-    residuals = [one.residual for one in placed]
+    residuals = [one.residual for one in placed if np.isfinite(one.residual)]
     fits = [one.registration for one in records]
-    registration = {"refined": settings.refine, "residual": max(residuals), "scans": fits}
+    registration = {"refined": settings.refine, "residual": max(residuals, default=np.nan), "scans": fits}
     notes = (*prior.notes, *_doubts(elements))
     return Detection(mismatches, elements, records, registration, settings.as_json(), timing, notes, drawing)
 
@@ -89,7 +89,7 @@ def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
     try:
         rays = rays_of_scan(one.scan)
         shown = surfaces_along(prior.scene, rays) if prior.has_elements else visible(prior.cloud, rays)
-        limits = settings.limits if prior.has_elements else OF_CLOUDS
+        limits = settings.limits if prior.has_elements else settings.cloud_limits
         return place(one.scan, shown, refine=settings.refine, limits=limits)
     except (InputError, ValueError) as error:
         raise InputError(f"{one.file}: {error}") from error

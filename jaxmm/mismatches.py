@@ -28,6 +28,7 @@ ONTO = 0.1  # [m] points this close to the prior's surface are the prior's own
 LEAST_NEW = 0.5  # share of an added object's points that must be farther
 LEAST_MET = 8  # rays that tell of an object, below which it is a guess
 MOST_DENIED = 0.03  # share of the rays that tell anything, which may look through an object's core
+STOREY = 1.5  # [m] between floors of two storeys, at least
 SAME_SIZE = (0.1, 0.15)  # [m], share: sides of an object that moved differ by no more than the greater of both
 
 
@@ -55,9 +56,9 @@ def mismatches_of(
     if verdicts is not None and settings.preset != "thesis":
         gone = _gone(prior, looked, verdicts)
     else:
-        gone = _fitted(prior, looked, "removed", settings)
+        gone = _all_fitted(prior, looked, "removed", settings)
     found = sorted(gone, key=lambda one: -one.probability)
-    found += sorted(_fitted(prior, looked, "added", settings), key=lambda one: -one.probability)
+    found += sorted(_all_fitted(prior, looked, "added", settings), key=lambda one: -one.probability)
     return tuple(_linked([one for one in found if one.probability >= settings.least_probability]))
 
 
@@ -78,6 +79,17 @@ def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[M
     return found
 
 
+def _all_fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSettings) -> list[Mismatch]:
+    """Objects of one side, storey by storey: each has a floor and a ceiling of its own."""
+    storeys: list[list[Looked]] = []
+    for one in sorted(looked, key=lambda one: one.levels[0]):
+        if storeys and one.levels[0] - storeys[-1][-1].levels[0] < STOREY:
+            storeys[-1].append(one)
+        else:
+            storeys.append([one])
+    return [found for storey in storeys for found in _fitted(prior, storey, change, settings)]
+
+
 def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSettings) -> list[Mismatch]:
     """Objects fitted to the points of one side that the models hold for changed."""
     judged = judged_side(looked, change)
@@ -93,6 +105,8 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
         return [_mismatch(prior, box, change, _alone(box, change, looked)) for box in boxes]
     found = []
     for one in find_objects(judged, settings.objects, prior.sizes):
+        if one.box.probability < settings.least_probability:
+            continue
         alone = _alone(one.box, change, looked)
         new = np.mean(judged.apart[one.members] > ONTO) if change == "added" else 1.0
         tell, deny = sum(part.tell for part in alone), sum(part.deny for part in alone)
@@ -152,7 +166,7 @@ def _linked(found: list[Mismatch]) -> list[Mismatch]:
 
 
 def _unlike(one: Mismatch, other: Mismatch) -> float:
-    """How much the horizontal edges of two boxes differ [m]; infinite beyond what one object may."""
-    a, b = np.sort(one.dimensions[:2]), np.sort(other.dimensions[:2])
+    """How much the edges of two boxes differ [m]; infinite beyond what one object may."""
+    a, b = (np.append(np.sort(box.dimensions[:2]), box.dimensions[2]) for box in (one, other))
     off = np.abs(a - b)
     return float(off.sum()) if np.all(off <= np.maximum(SAME_SIZE[0], SAME_SIZE[1] * np.maximum(a, b))) else math.inf

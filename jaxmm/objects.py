@@ -47,12 +47,10 @@ class ObjectSettings(SolidSettings):
     threshold: float = 0.3  # a point is looked at from this probability on; whether its object is real is told by all
     least_apart: float = 0.0  # points closer to the other side's surface are none of an object
     surface_margin: float = 0.05  # points this near to floor or ceiling are none either
-    least_probability: float = 0.5  # of an object that is told of
 
     def __post_init__(self):
-        for name in ("threshold", "least_probability"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ValueError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
+        if not 0.0 <= self.threshold <= 1.0:
+            raise ValueError(f"threshold must lie in [0, 1], got {self.threshold}")
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not np.all(np.asarray(value) >= 0.0):  # also false for NaN
@@ -72,7 +70,7 @@ def find_objects(
         known: wall thicknesses and column sections of the building, taken on where they fit.
 
     Returns:
-        Objects, the surest first. Their order and content do not depend on the order of the points.
+        Objects, the surest first, unlikely ones too. Their order and content do not depend on the order of the points.
 
     Raises:
         ValueError: shapes that disagree, values that are not finite, probabilities outside [0, 1], or a ceiling that
@@ -93,8 +91,7 @@ def find_objects(
         if low:
             odds = min(odds, log_odds_of_low_object(sight, solid, probability, apart))
         found.append(Found(_box(sight, solid, float(1.0 / (1.0 + np.exp(-odds))), settings), solid.members))
-    kept = [one for one in found if one.box.probability >= settings.least_probability]
-    return sorted(kept, key=lambda one: (-one.box.probability, *one.box.center))
+    return sorted(found, key=lambda one: (-one.box.probability, *one.box.center))
 
 
 def log_odds_of_object(probability: np.ndarray) -> float:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.config import bounded
 from jaxmm.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN
 
 PRESENT, REMOVED, OCCLUDED, UNSCANNED = VERDICTS = ("present", "removed", "occluded", "unscanned")
@@ -18,10 +19,10 @@ MOST_SURE = 12.0  # logit beyond which one scan is not trusted
 class VerdictSettings:
     """When an element counts as seen, and as removed."""
 
-    least_rays: int = 20  # through it or ending on it, of all footprints of its points; with fewer it is occluded
-    least_share: float = 0.03  # the same, of all rays in those footprints
-    threshold: float = 0.5  # probability from which an element counts as removed
-    change_prior: float = 0.02  # P(removed) of an element without evidence
+    least_rays: int = bounded(20, 1)  # through it or ending on it, of its points' footprints; with fewer it is occluded
+    least_share: float = bounded(0.03, 0.0, 1.0)  # the same, of all rays in those footprints
+    threshold: float = bounded(0.5, 0.0, 1.0)  # probability from which an element counts as removed
+    change_prior: float = bounded(0.02, 1e-6, 1.0 - 1e-6)  # P(removed) of an element without evidence
 
 
 class Told(NamedTuple):

@@ -5,16 +5,17 @@ import pytest
 
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
-from jaxmm.mismatches import _linked
+from jaxmm.detection import NamedScan, _looked, detect_scans
+from jaxmm.mismatches import _linked, mismatches_of
 from jaxmm.report import Mismatch
 from jaxmm.room_scans import room_cases, true_boxes
+from jaxmm.scan_rays import rays_of_scan
 from jaxmm.weights import DEFAULT
 from warp_scanner.scenes import CYLINDER
 
 
-def mismatch(change, edges=(0.5, 0.5), kind="pillar", shape="rectangular"):
-    return Mismatch(kind, change, np.zeros(3), np.array([*edges, 3.0]), 0.0, 0.9, shape=shape)
+def mismatch(change, edges=(0.5, 0.5), kind="pillar", shape="rectangular", height=3.0):
+    return Mismatch(kind, change, np.zeros(3), np.array([*edges, height]), 0.0, 0.9, shape=shape)
 
 
 @pytest.mark.parametrize(
@@ -24,6 +25,8 @@ def mismatch(change, edges=(0.5, 0.5), kind="pillar", shape="rectangular"):
         pytest.param({"edges": (0.5, 0.8)}, {"edges": (0.8, 0.5)}, True, id="turned by a right angle"),
         pytest.param({"edges": (0.5, 0.5)}, {"edges": (0.58, 0.5)}, True, id="fitted a little too large"),
         pytest.param({"edges": (0.5, 0.5)}, {"edges": (0.9, 0.5)}, False, id="larger"),
+        pytest.param({}, {"height": 1.0}, False, id="lower"),
+        pytest.param({}, {"height": 2.8}, True, id="up to another ceiling"),
         pytest.param({"edges": (4.0, 0.2)}, {"edges": (3.6, 0.2), "kind": "wall"}, False, id="of another kind"),
         pytest.param({"shape": "round"}, {}, False, id="of another shape"),
     ],
@@ -49,6 +52,40 @@ def test_each_is_linked_once_and_the_likest_first():
 def test_two_of_a_kind_of_change_are_no_move():
     assert all(one.moved_from is None for one in _linked([mismatch("removed"), mismatch("removed")]))
     assert all(one.moved_from is None for one in _linked([mismatch("added"), mismatch("added")]))
+
+
+def raised(looked, by):
+    """The same scan of the storey above."""
+    sides = {
+        change: side._replace(view=side.view._replace(points=side.view.points + np.float32([0, 0, by])))
+        for change, side in (("added", looked.added), ("removed", looked.removed))
+    }
+    rays = looked.rays._replace(position=looked.rays.position + [0, 0, by])
+    return looked._replace(rays=rays, levels=tuple(level + by for level in looked.levels), **sides)
+
+
+def test_every_storey_has_a_floor_and_a_ceiling_of_its_own():
+    (case,) = room_cases("pillar_added", "clean", 22, range(1), preset="thesis")
+    looked, _ = _looked(case.prior, rays_of_scan(case.scan), read_judges(DEFAULT))
+    settings = DetectSettings()
+    (alone,) = mismatches_of(case.prior, [looked], None, settings)
+    below, above = mismatches_of(case.prior, [looked, raised(looked, 3.4)], None, settings)
+    for one, rise in ((below, 0.0), (above, 3.4)):
+        np.testing.assert_allclose(one.center, alone.center + [0, 0, rise], atol=1e-3)
+        np.testing.assert_allclose(one.dimensions, alone.dimensions, atol=1e-3)
+    assert len(mismatches_of(case.prior, [looked, looked], None, settings)) == 1  # of one storey, one object
+
+
+def test_what_is_less_probable_than_asked_for_is_left_out():
+    """In this room some furniture might be a new pillar, beside the one that is."""
+    (case,) = room_cases("pillar_added", "occluded", 22, range(10, 11))
+    looked, _ = _looked(case.prior, rays_of_scan(case.scan), read_judges(DEFAULT))
+    told = [
+        [one.probability for one in mismatches_of(case.prior, [looked], [], DetectSettings(least_probability=least))]
+        for least in (0.0, 0.5, 1.0)
+    ]
+    assert len(told[0]) > len(told[1]) > len(told[2]) == 0
+    assert min(told[0]) < 0.5 <= min(told[1])
 
 
 def test_a_pillar_that_moved_is_one_whether_it_is_round_or_square():

@@ -201,16 +201,13 @@ def test_more_points_of_one_mind_make_an_object_surer_and_low_things_are_less_su
     seen = judged(pillar(3.0, 0.3, 0.7, 40))
     sure = only(find_objects(seen), "pillar").probability
     doubtful = seen._replace(pillar=np.minimum(seen.pillar, 0.5), wall=np.minimum(seen.wall, 0.5))
-    assert only(find_objects(doubtful, ObjectSettings(least_probability=0.0)), "pillar").probability < sure
+    assert only(find_objects(doubtful), "pillar").probability < sure
     # What is seen of it below 1.5 m, near a wall, may be a cabinet in a robot scan, but not in a building model.
     low = seen.points[:, 2] < 1.2
     parts = {name: getattr(doubtful, name)[low] for name in ("points", "pillar", "wall", "scan")}
     parts["apart"] = np.minimum(doubtful.apart[low], 0.2)
     may_be, may_not = (
-        only(
-            find_objects(doubtful._replace(**parts, furniture=answer), ObjectSettings(least_probability=0.0)), "pillar"
-        )
-        for answer in (True, False)
+        only(find_objects(doubtful._replace(**parts, furniture=answer)), "pillar") for answer in (True, False)
     )
     assert may_be.probability < may_not.probability
 
