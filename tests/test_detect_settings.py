@@ -24,12 +24,12 @@ def test_a_file_sets_what_it_names_and_options_come_before_it(tmp_path):
 @pytest.mark.parametrize(
     "text, words",
     [
-        ("[verdicts]\nchange_prior = 5.0", ["verdicts.change_prior", "5.0"]),
-        ("[verdicts]\nchange_prior = 0.0", ["verdicts.change_prior", "0.0"]),
-        ("[verdicts]\nleast_rays = -3", ["verdicts.least_rays", "at least 1", "-3"]),
-        ("[verdicts]\nthreshold = nan", ["verdicts.threshold", "from 0 to 1", "nan"]),
-        ("[limits]\nleast_overlap = -7.0", ["limits.least_overlap", "from 0 to 1", "-7.0"]),
-        ("[cloud_limits]\nmost_residual = -0.1", ["cloud_limits.most_residual", "at least 0", "-0.1"]),
+        ("[verdicts]\nchange_prior = 5.0", ["verdicts: change_prior", "5.0"]),
+        ("[verdicts]\nchange_prior = 0.0", ["verdicts: change_prior", "0.0"]),
+        ("[verdicts]\nleast_rays = -3", ["verdicts: least_rays", "at least 1", "-3"]),
+        ("[verdicts]\nthreshold = nan", ["verdicts: threshold", "from 0 to 1", "nan"]),
+        ("[limits]\nleast_overlap = -7.0", ["limits: least_overlap", "from 0 to 1", "-7.0"]),
+        ("[cloud_limits]\nmost_residual = -0.1", ["cloud_limits: most_residual", "at least 0", "-0.1"]),
         ("[objects]\nleast_probability = 0.2", ["least_probability"]),
         ("least_probability = 1.5", ["least_probability", "from 0 to 1", "1.5"]),
         ('classes = ["roof"]', ["classes", "roof"]),
