@@ -11,8 +11,11 @@ SENSORS = (
     "oak-d-pro, oak-d-pro-small, velodyne-16, ouster-64, tls, or a TOML file: says what was in view without a return; "
     "default: the view that the points span"
 )
-FRAMES = "of the scans' points: the prior's (default), or the sensor's (x forward, y left, z up), moved to --pose"
-CLASSES = "that get a verdict, of wall, column, door, window, slab; default: wall column"
+FRAMES = (
+    "of the scans' points: the prior's (default), or the sensor's (x forward, y left, z up): then they are moved to "
+    "--pose, or else to the pose in their file"
+)
+CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
 SETTINGS = (
     'any field of jaxmm/detect_settings.py, as TOML: classes = ["wall"], or in a table: [objects] threshold = 0.4'
 )
@@ -30,15 +33,17 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
         "--pose", action="append", default=[], metavar="X,Y,Z,YAW[,PITCH]|FILE.json", help=f"{pose}; {POSES}"
     )
     command.add_argument("--sensor", metavar="NAME|FILE", help=SENSORS)
-    command.add_argument("--preset", choices=("default", "thesis"), default="default", help="how points become boxes")
+    command.add_argument("--preset", choices=("default", "thesis"), help="how points become boxes")
     command.add_argument("--model", type=Path, metavar="RUN|FILE", help="default: the models that come with jaxmm")
     command.add_argument("--settings", type=Path, metavar="FILE.toml", help=SETTINGS)
-    command.add_argument("--classes", nargs="+", metavar="CLASS", help=CLASSES)
+    command.add_argument("--classes", action="append", default=[], metavar="CLASS,...", help=CLASSES)
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
     command.add_argument("--frame", choices=("world", "sensor"), default="world", help=FRAMES)
     command.add_argument("--unit", type=float, metavar="METRES", help="of the scans; default: told by how they fit")
-    command.add_argument("--prior-unit", type=float, default=1.0, metavar="METRES", help="of a mesh or cloud as prior")
+    command.add_argument(
+        "--prior-unit", type=float, metavar="METRES", help="of a mesh or cloud as prior; default: told by how it fits"
+    )
     command.add_argument("--up", choices=("y", "z"), help="axis of a mesh as prior; default: told by how it fits")
     command.add_argument("--open-doors", action="store_true", help="leave the prior's doors out")
     command.add_argument("--clear-glass", action="store_true", help="let rays pass the glass of the prior's windows")
@@ -64,11 +69,11 @@ def detect(options: argparse.Namespace) -> None:
     from jaxmm.detect_settings import load_settings
     from jaxmm.weights import DEFAULT
 
-    given = {"preset": options.preset}
+    given = {"preset": options.preset} if options.preset else {}
     if options.no_refine:
         given["refine"] = False
     if options.classes:
-        given["classes"] = options.classes
+        given["classes"] = [name.strip() for names in options.classes for name in names.split(",")]
     settings = load_settings(options.settings, **given)
     detection = detect_files.detect(
         options.prior, options.scans, poses,
@@ -97,20 +102,32 @@ def _reading(options: argparse.Namespace, sensor):
     from jaxmm.detect_files import Reading
     from warp_scanner.buildings import ReadOptions
 
-    if options.unit is not None and not 0.0 < options.unit < 1e6:
-        raise InputError(f"--unit: expected a length in metres above 0, got {options.unit:g}")
-    if options.prior.suffix.lower() == ".ifc" and (options.prior_unit != 1.0 or options.up is not None):
-        raise InputError(f"--prior-unit, --up: not for IFC; {options.prior} says its unit and axes itself")
+    _check_kind(options)
     try:
         prior = ReadOptions(
             glass="transparent" if options.clear_glass else "solid",
             doors="open" if options.open_doors else "closed",
             y_up=None if options.up is None else options.up == "y",
-            unit=options.prior_unit,
+            unit=1.0 if options.prior_unit is None else options.prior_unit,
         )
     except ValueError as error:
         raise InputError(str(error)) from error
     return Reading(prior, options.unit, options.frame, sensor)
+
+
+def _check_kind(options: argparse.Namespace) -> None:
+    """Refuse options that say nothing about a prior of this kind."""
+    from jaxmm.priors import kind_of
+
+    kind = kind_of(options.prior)
+    if kind == "ifc":
+        if options.prior_unit is not None or options.up is not None:
+            raise InputError(f"--prior-unit, --up: not for IFC; {options.prior} says its unit and axes itself")
+        return
+    if options.apply:
+        raise InputError(f"--apply: only for IFC, whose elements it deletes; {options.prior} is a {kind}")
+    if kind == "cloud" and (options.up is not None or options.open_doors or options.clear_glass):
+        raise InputError(f"--up, --open-doors, --clear-glass: not for a point cloud, as {options.prior} is")
 
 
 def revert(options: argparse.Namespace) -> None:

@@ -1,11 +1,11 @@
 """`jaxmm detect`: files in, a folder of reports out, whole or not at all."""
 
+import contextlib
 import dataclasses
-import shutil
-import tempfile
+import os
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,24 +14,23 @@ from jaxmm.bcf import write_bcf
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.detection_figures import write_figures
-from jaxmm.files import check_empty
+from jaxmm.files import check_empty, write_folder
 from jaxmm.ifc_update import write_update
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges
 from jaxmm.notebook import detection_html
 from jaxmm.page import write_page
-from jaxmm.priors import Prior, distance_to, read_prior
+from jaxmm.priors import Prior
 from jaxmm.report import Detection
 from jaxmm.report_files import write_plain
 from jaxmm.scan_files import PointScan, read_scans
+from jaxmm.scan_places import OwnScan, fitting_prior, lay, own_scan
 from jaxmm.scan_poses import GivenPose
 from jaxmm.scan_rays import PosedScan
-from jaxmm.scan_units import FITS, overlap, unit_of
 from jaxmm.viewpoint import doubts_about, estimate
 from jaxmm.weights import DEFAULT
 from warp_scanner.building_poses import inside
 from warp_scanner.buildings import ReadOptions, bounds
-from warp_scanner.mesh_files import SUFFIXES
 from warp_scanner.sensors import OAK_D_PRO, Pinhole, Sensor
 from warp_scanner.voxels import thin_clouds
 
@@ -43,19 +42,26 @@ FRAMES = ("world", "sensor")
 Detection._repr_html_ = detection_html
 
 
-class Reading(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Reading:
     """How files are to be read."""
 
     prior: ReadOptions = ReadOptions()
     unit: float | None = None  # [m] of the scans; None: told by how they lie on the prior
-    frame: str = "world"  # of the scans' points; "sensor": they are moved to where the pose says
+    frame: str = "world"  # of the scans' points; "sensor": the pose takes them to the world, see `own_scan`
     sensor: Sensor | None = None  # None: any; its view is then what its points span
+
+    def __post_init__(self):
+        if self.frame not in FRAMES:
+            raise InputError(f"--frame: expected {' or '.join(FRAMES)}, got {self.frame!r}")
+        if self.unit is not None and not 0.0 < self.unit < 1e6:
+            raise InputError(f"--unit: expected a length in metres above 0, got {self.unit:g}")
 
 
 def detect(
     prior: Path | str,
-    scans: list[Path | str] | Path | str,
-    poses: list[GivenPose] | None = None,
+    scans: Sequence[Path | str] | Path | str,
+    poses: Sequence[GivenPose] | GivenPose | None = None,
     *,
     reading: Reading | None = None,
     settings: DetectSettings | None = None,
@@ -75,21 +81,24 @@ def detect(
         InputError: a file cannot be used, or does not fit the others; one line.
     """
     start = time.perf_counter()
-    files = [Path(one) for one in (scans if isinstance(scans, list) else [scans])]
+    files = [Path(one) for one in ([scans] if isinstance(scans, str | os.PathLike) else scans)]
+    given = [poses] if isinstance(poses, GivenPose) else list(poses or ())
     reading, settings = reading or Reading(), settings or DetectSettings()
     judges = read_judges(Path(model))
     found = [(file, scan) for file in files for scan in read_scans(file)]
-    if poses and len(poses) != len(found):
-        raise InputError(f"--pose: expected one for each of {len(found)} scans, got {len(poses)}")
-    read = _fitting_prior(Path(prior), reading, found[0][1])
+    if not found:
+        raise InputError("scans: expected at least one, got none")
+    if given and len(given) != len(found):
+        raise InputError(f"--pose: expected one for each of {len(found)} scans, got {len(given)}")
+    own = []
+    for (file, scan), pose in zip(found, given or [None] * len(found), strict=True):
+        with _told_of(file):
+            own.append(own_scan(scan, pose, reading.frame))
+    read = fitting_prior(Path(prior), reading.prior, own, reading.unit)
     named = []
-    for number, (file, scan) in enumerate(found):
-        name = file.name if sum(one == file for one, _ in found) == 1 else f"{file.name}#{number}"
-        try:
-            named.append(_named(read, name, scan, poses[number] if poses else None, reading))
-        except InputError as error:
-            text = str(error)
-            raise InputError(text if text.startswith(str(file)) else f"{file}: {text}") from error
+    for (file, scan), mine, name in zip(found, own, _names([file for file, _ in found]), strict=True):
+        with _told_of(file):
+            named.append(_named(read, name, scan, mine, reading))
     loaded = time.perf_counter() - start
     detection = detect_scans(read, named, judges, settings)
     return detection._replace(timing=detection.timing | {"loading": loaded}, prior=read.file)
@@ -121,66 +130,58 @@ def write_all(detection: Detection, prior: Path, out: Path, *, apply: bool = Fal
     """
     check_empty(out, "--out")
     start, said = time.perf_counter(), []
-    out.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
-    try:
+
+    def write(work: Path) -> None:
         write_figures(work, detection)
         write_page(work / "report.html", detection)
         write_bcf(work / "mismatches.bcf", detection, project=prior.stem)
         if prior.suffix.lower() == ".ifc":
-            said += write_update(prior, detection, work, apply=apply).notes
+            said.extend(write_update(prior, detection, work, apply=apply).notes)
         timing = detection.timing | {"writing": time.perf_counter() - start}
         write_plain(work, detection._replace(timing=timing))
-        work.chmod(0o755)
-        if out.exists():
-            out.rmdir()
-        work.rename(out)
+
+    try:
+        write_folder(out, write)
     except OSError as error:
         raise InputError(f"--out: cannot write {out}: {error.strerror}") from error
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
     return said
 
 
-def _fitting_prior(path: Path, reading: Reading, scan: PointScan) -> Prior:
-    """The prior, turned upright where a mesh whose axes nobody told only fits the scan that way."""
-    prior = read_prior(path, reading.prior)
-    open_axis = path.suffix.lower() in SUFFIXES and reading.prior.y_up is None and prior.has_elements
-    if not open_axis or reading.frame != "world":
-        return prior
-    scale = reading.unit or 1.0
-    if overlap(scan.points * scale, _distance(prior)) >= FITS:
-        return prior
-    turned = read_prior(path, dataclasses.replace(reading.prior, y_up=True))
-    if overlap(scan.points * scale, _distance(turned)) < FITS:
-        return prior
-    note = f"{path.name} fits the scan with y up, and was read that way; --up says which axis it is"
-    return turned._replace(notes=(*turned.notes, note))
+@contextlib.contextmanager
+def _told_of(file: Path) -> Iterator[None]:
+    """Errors that come up name the file."""
+    try:
+        yield
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if text.startswith(str(file)) else f"{file}: {text}") from error
 
 
-def _distance(prior: Prior):
-    """To the prior's surface, from points of the world."""
-    return lambda points, reach: distance_to(prior, (points - prior.origin).astype(np.float32), reach)
+def _names(files: list[Path]) -> list[str]:
+    """What to call the scans of these files, one of each: by name, with as many folders as tell them apart.
+
+    Several of one file are numbered as they stand there.
+    """
+    parts = {file: file.absolute().parts for file in files}
+
+    def name(file: Path) -> str:
+        depth = next(
+            depth
+            for depth in range(1, len(parts[file]) + 1)
+            if sum(other[-depth:] == parts[file][-depth:] for other in set(parts.values())) == 1
+        )
+        return Path(*parts[file][-depth:]).as_posix()
+
+    return [
+        name(file) if files.count(file) == 1 else f"{name(file)}#{files[:number].count(file)}"
+        for number, file in enumerate(files)
+    ]
 
 
-def _named(prior: Prior, name: str, scan: PointScan, given: GivenPose | None, reading: Reading) -> NamedScan:
+def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Reading) -> NamedScan:
     """One scan in its place, with all that was assumed about it."""
-    notes, sensor = list(scan.remarks), reading.sensor
-    points, unit = scan.points, reading.unit
-    pose, source = _known_pose(scan, given)
-    if reading.frame == "sensor":
-        if pose is None:
-            raise InputError("points in the sensor's frame need a pose; give it with --pose")
-        position, rotation = pose
-        points = points * (unit or 1.0) @ rotation.T + position
-    else:
-        if unit is None:
-            unit, word = unit_of(points, _distance(prior))
-            notes += [f"it fits the prior in {word}, and was read so"] if word else []
-        points = points * unit
-        if source == "file" and pose is not None:
-            pose = pose[0] * unit, pose[1]
-    deviation = None
+    points, pose, source, told = lay(prior, own, reading.unit)
+    notes, sensor, deviation = [*scan.remarks, *told], reading.sensor, None
     thin = points[thin_clouds([(points - prior.origin).astype(np.float32)], ESTIMATED_FROM)[0]]
     if pose is not None:
         view = (sensor.horizontal_fov, sensor.vertical_fov) if isinstance(sensor, Pinhole) else None
@@ -189,22 +190,14 @@ def _named(prior: Prior, name: str, scan: PointScan, given: GivenPose | None, re
         camera = sensor or OAK_D_PRO
         if not isinstance(camera, Pinhole):
             raise InputError("only the viewpoint of a camera can be estimated from its points; give it with --pose")
-        told = estimate(thin, camera.horizontal_fov, camera.vertical_fov, pitch=None)
+        viewpoint = estimate(thin, camera.horizontal_fov, camera.vertical_fov, pitch=None)
         view = f"{camera.horizontal_fov:g} x {camera.vertical_fov:g} degrees"
         notes.append(f"its pose is estimated, for a camera that sees {view}")
-        pose = told.position, GivenPose(told.position, told.yaw, told.pitch).rotation
-        source, deviation = "estimated", tuple(float(value) for value in told.deviation)
+        pose = viewpoint.position, GivenPose(viewpoint.position, viewpoint.yaw, viewpoint.pitch).rotation
+        deviation = tuple(float(value) for value in viewpoint.deviation)
     placed = PosedScan((points - prior.origin).astype(np.float32), pose[0] - prior.origin, pose[1], sensor)
     _check_place(prior, placed, source)
     return NamedScan(placed, name, len(scan.points), source, deviation, tuple(notes))
-
-
-def _known_pose(scan: PointScan, given: GivenPose | None) -> tuple[tuple[np.ndarray, np.ndarray] | None, str]:
-    if given is not None:
-        return (given.position, given.rotation), "given"
-    if scan.position is not None:
-        return (scan.position, np.eye(3) if scan.rotation is None else scan.rotation), "file"
-    return None, "estimated"
 
 
 def _check_place(prior: Prior, scan: PosedScan, source: str) -> None:

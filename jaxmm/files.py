@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -56,6 +57,30 @@ def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             np.savez(file, **arrays)
 
     write_atomically(path, write)
+
+
+def write_folder(path: Path, write: Callable[[Path], Any]) -> None:
+    """Let `write` fill a temporary folder, then put that, or what it holds, in place: all files are whole before.
+
+    An empty folder that is there stays and is filled: somebody may stand in it, link to it, or have mounted it.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path = path.resolve()
+    there = path.exists()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path if there else path.parent))
+    try:
+        write(work)
+        if there:
+            for file in sorted(work.iterdir()):
+                file.rename(path / file.name)
+        else:
+            work.chmod(0o755)
+            work.rename(path)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
 
 
 def load_json(path: Path) -> Any:
@@ -115,7 +140,7 @@ def check_folder(path: Path, option: str) -> None:
     Raises:
         InputError: it is a file, or it or the folder that it would be made in is read-only.
     """
-    existing = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
+    existing = next(place for place in (path.resolve(), *path.resolve().parents) if place.exists())
     if not existing.is_dir():
         raise InputError(f"{option}: expected a folder, found a file: {existing}")
     try:

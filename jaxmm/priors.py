@@ -13,6 +13,7 @@ from jaxmm.object_shapes import is_round
 from jaxmm.object_solids import KnownSizes
 from jaxmm.report import PriorFile
 from jaxmm.scan_files import READERS, read_scans
+from jaxmm.scan_units import Distance
 from warp_scanner.building_changes import of_element
 from warp_scanner.building_files import read_building
 from warp_scanner.buildings import AS_IT_IS, Building, ReadOptions, remarks
@@ -22,7 +23,6 @@ from warp_scanner.triangles import TriangleScene, clearance, prepare
 from warp_scanner.voxels import thin_clouds
 
 VOXEL = 0.1  # [m] to which a cloud is thinned
-BUILDINGS = (".ifc", *SUFFIXES)
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
 
 
@@ -49,23 +49,36 @@ def read_prior(path: Path, options: ReadOptions = AS_IT_IS) -> Prior:
     Raises:
         InputError: one line that names the file and what is wrong with it.
     """
-    suffix = path.suffix.lower()
     if not path.is_file():
         raise InputError(f"{path}: expected a prior, found {'a folder' if path.is_dir() else 'nothing there'}")
-    if suffix in BUILDINGS and not (suffix == ".ply" and not _has_faces(path)):
+    kind = kind_of(path)
+    if kind != "cloud":
         try:
             building = read_building(path, options)
         except (ValueError, ImportError) as error:
             raise InputError(str(error)) from error
-        file = PriorFile(path.name, "ifc" if suffix == ".ifc" else "mesh", building.unit, building.project)
-        return prior_of_building(building)._replace(file=file)
-    if suffix not in READERS:
-        known = ", ".join(sorted({*BUILDINGS, *READERS}))
-        raise InputError(f"{path}: expected a prior ending in one of {known}, got {suffix or 'no ending'}")
+        return prior_of_building(building)._replace(file=PriorFile(path.name, kind, building.unit, building.project))
     scans = read_scans(path)
     points = np.concatenate([scan.points for scan in scans]) * options.unit
     notes = tuple(f"{path.name}: {note}" for scan in scans for note in scan.remarks)
-    return prior_of_cloud(points, notes)._replace(file=PriorFile(path.name, "cloud", options.unit))
+    return prior_of_cloud(points, notes)._replace(file=PriorFile(path.name, kind, options.unit))
+
+
+def kind_of(path: Path) -> str:
+    """What a file is read as, by its ending: "ifc", "mesh" or "cloud"; a PLY file without faces is a cloud.
+
+    Raises:
+        InputError: an ending that no reader knows.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".ifc":
+        return "ifc"
+    if suffix in SUFFIXES and not (suffix == ".ply" and not _has_faces(path)):
+        return "mesh"
+    if suffix not in READERS:
+        known = ", ".join(sorted({".ifc", *SUFFIXES, *READERS}))
+        raise InputError(f"{path}: expected a prior ending in one of {known}, got {suffix or 'no ending'}")
+    return "cloud"
 
 
 def prior_of_building(building: Building) -> Prior:
@@ -82,13 +95,19 @@ def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:
     return Prior(origin, notes, cloud=offsets[thin_clouds([offsets], VOXEL)[0]])
 
 
-def distance_to(prior: Prior, points: np.ndarray, reach: float) -> np.ndarray:
-    """Distance (N,) [m] of offsets (N, 3) to the prior; `reach` or more where nothing is within that."""
-    if prior.scene is not None:
-        return clearance(prior.scene, points, reach)
-    from scipy.spatial import cKDTree
+def distance_from(prior: Prior) -> Distance:
+    """To the prior's surface or points, from points (N, 3) [m] of the world; inf where nothing is within reach."""
+    if prior.scene is None:
+        from scipy.spatial import cKDTree
 
-    return np.minimum(cKDTree(prior.cloud).query(points, distance_upper_bound=reach)[0], reach)
+        tree = cKDTree(prior.cloud)
+        return lambda points, reach: tree.query(points - prior.origin, distance_upper_bound=reach)[0]
+
+    def to_surface(points: np.ndarray, reach: float) -> np.ndarray:
+        found = clearance(prior.scene, points - prior.origin, reach)
+        return np.where(found < np.float32(reach), found, np.inf)
+
+    return to_surface
 
 
 def _own_sizes(building: Building) -> KnownSizes:

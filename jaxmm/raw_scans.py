@@ -25,6 +25,7 @@ class RawScan(NamedTuple):
     position: np.ndarray | None = None  # (3,) float64 of the sensor
     rotation: np.ndarray | None = None  # (3, 3) float64 sensor frame to world
     remarks: tuple[str, ...] = ()
+    in_world: bool = False  # the reader took the points from the sensor's frame to the world by that pose
 
 
 def check_count(path: Path, count: int, least_bytes: float = 0.0) -> None:

@@ -22,7 +22,7 @@ class PriorFile(NamedTuple):
 
     file: str  # name, without folders
     kind: str  # "ifc" | "mesh" | "cloud"
-    unit: float  # [m] length of its unit: an IFC file says it, for any other the option --prior-unit does
+    unit: float  # [m] length of its unit: an IFC file says it, for any other --prior-unit does, or how the scans fit
     project: str | None = None  # GlobalId of the IfcProject; None for all but IFC files
 
 

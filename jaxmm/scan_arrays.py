@@ -72,4 +72,4 @@ def _returns(path: Path, arrays: np.lib.npyio.NpzFile) -> RawScan:
     hit = np.isfinite(distance)
     origin, rotation = origin.astype(np.float64), rotation.astype(np.float64)
     points = origin + (distance[hit, None].astype(np.float64) * direction[hit]) @ rotation.T
-    return RawScan(points, origin, rotation)
+    return RawScan(points, origin, rotation, in_world=True)

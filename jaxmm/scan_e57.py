@@ -82,7 +82,7 @@ def _scan(path: Path, image: Any, header: Any) -> RawScan:
     for start in range(0, len(points), BLOCK):
         block = slice(start, start + BLOCK)
         points[block] = points[block] @ rotation.T + position
-    return RawScan(points, position, rotation)
+    return RawScan(points, position, rotation, in_world=True)
 
 
 def _points(path: Path, image: Any, header: Any, axes: tuple[str, ...]) -> np.ndarray:

@@ -36,6 +36,7 @@ class PointScan(NamedTuple):
     position: np.ndarray | None  # (3,) float64 of the sensor, same frame; None where the file does not say
     rotation: np.ndarray | None  # (3, 3) float64 sensor frame to world
     remarks: tuple[str, ...]  # what was left out, in words
+    in_world: bool = False  # the file's points are in the sensor's frame, and were taken to the world by that pose
 
 
 def read_scans(path: Path) -> list[PointScan]:
@@ -86,7 +87,8 @@ def _checked(path: Path, raw: RawScan) -> PointScan:
     if all(np.ptp(points[:, axis]) == 0.0 for axis in range(3)):
         raise InputError(f"{path}: expected points in space, got {len(points)} times the same one")
     posed = raw.position is not None and np.isfinite(raw.position).all() and np.isfinite(raw.rotation).all()
-    return PointScan(points, raw.position if posed else None, raw.rotation if posed else None, remarks)
+    position, rotation = (raw.position, raw.rotation) if posed else (None, None)
+    return PointScan(points, position, rotation, remarks, posed and raw.in_world)
 
 
 def _line(error: Exception) -> str:

@@ -4,50 +4,64 @@ N points of a scan.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
-
-from jaxmm.inputs import InputError
 
 NEAR = 0.5  # [m] points this close to the prior overlap with it
 LEAST_OVERLAP = 0.05  # share of points, below which a scan is not of the prior's place
 ON = 0.1  # [m] points this close to the prior lie on it
 CLEARLY = 0.3  # so much more of a scan must lie on the prior in another unit, to be of that
-LEAST_SPAN = 2.0  # [m] diagonal of the smallest scan of a room
-FITS = 0.5  # share of points from which another unit, or axis, fits
+LEAST_HEIGHT = 1.0  # [m] of what lies on the prior, to tell a unit by it
+FITS = 0.5  # share of points from which another unit fits
 UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 0.3048: "feet"}
 _THIN = 4000
 
-Distance = Callable[[np.ndarray, float], np.ndarray]  # world points (N, 3) [m], reach [m] -> (N,) [m] to the prior
+Distance = Callable[[np.ndarray, float], np.ndarray]  # points (N, 3) [m], reach [m] -> (N,) [m] to the prior, or inf
 
 
-def unit_of(points: np.ndarray, distance: Distance) -> tuple[float, str | None]:
-    """Length [m] of a scan's unit, and its name where it is not the metre.
+class Fit(NamedTuple):
+    """How a scan lies on the prior."""
+
+    unit: float  # [m] of its coordinates
+    share: float  # of its points, within NEAR of the prior
+    on: float  # of its points, within ON of it
+    height: float  # [m] of those, see `height`
+
+
+def fit_of(points: np.ndarray, distance: Distance, unit: float | None = None) -> Fit:
+    """How a scan lies on the prior in its unit: metres, unless it clearly fits in another.
 
     Args:
-        points: (N, 3) as in the file.
+        points: (N, 3) as in the file, z up.
         distance: to the prior's surface.
-
-    Raises:
-        InputError: it does not lie on the prior in any unit.
+        unit: [m] if it is known.
     """
-    share, on = overlap(points, distance), overlap(points, distance, ON)
-    span = float(np.linalg.norm(np.ptp(points, axis=0)))
-    # Drawn together, all points come near the prior, but surfaces lie on surfaces in the right unit alone.
-    others = {factor: overlap(points * factor, distance, ON) for factor in UNITS if factor * span > LEAST_SPAN}
-    if others and share < FITS:
-        best = max(others, key=others.__getitem__)
-        if others[best] > on + CLEARLY and overlap(points * best, distance) >= FITS:
-            return best, UNITS[best]
-    if share < LEAST_OVERLAP:
-        raise InputError(
-            f"expected a scan of the prior's place, got {share:.1%} of its points within {NEAR:g} m of it; check that "
-            "both are in one frame (--frame), and their units (--unit, --prior-unit) and axes (--up)"
-        )
-    return 1.0, None
+    points = thinned(points)
+    told = _fit(points, distance, 1.0 if unit is None else unit)
+    if unit is not None or told.share >= FITS:
+        return told
+    # Drawn together, all points come near the prior, but surfaces lie on surfaces in the right unit alone; unless what
+    # lies there is flat, as wide ground around any building then lies on its floor.
+    others = [fit for fit in (_fit(points, distance, factor) for factor in UNITS) if fit.height > LEAST_HEIGHT]
+    best = max(others, key=lambda fit: fit.on, default=told)
+    return best if best.on > told.on + CLEARLY and best.share >= FITS else told
 
 
-def overlap(points: np.ndarray, distance: Distance, near: float = NEAR) -> float:
-    """Share of the points (N, 3) [m] within `near` [m] of the prior."""
-    step = max(1, len(points) // _THIN)
-    return float(np.mean(distance(points[::step], near) < near))
+def height(points: np.ndarray) -> float:
+    """Between 2 and 98 % of the points (N, 3), in their unit; 0 of none. Ground and birds around add nothing."""
+    if not len(points):
+        return 0.0
+    low, high = np.percentile(thinned(points)[:, 2], [2, 98])
+    return float(high - low)
+
+
+def thinned(points: np.ndarray) -> np.ndarray:
+    """Some thousand of the points (N, 3), which tell as much of a whole scan."""
+    return points[:: max(1, len(points) // _THIN)]
+
+
+def _fit(points: np.ndarray, distance: Distance, unit: float) -> Fit:
+    points = points * unit
+    on = distance(points, ON) < ON
+    return Fit(unit, float(np.mean(distance(points, NEAR) < NEAR)), float(np.mean(on)), height(points[on]))

@@ -48,6 +48,7 @@ ONE_RUN = ("test_reproduce.py", "test_cli.py", "test_cli_thesis.py", "test_thesi
 # These take longest, and come first: whoever is done early takes the short ones.
 LONG = (
     *ONE_RUN, "test_notebooks.py", "test_train.py", "test_engines.py", "test_generate.py", "test_cli_detect.py",
+    "test_detect_files.py",
     "test_viewpoint.py", "test_paper_figures.py", "test_fused.py", "test_fit.py", "test_joint.py",
     "test_building_pairs.py", "test_fuzz.py", "test_page_browser.py", "test_buildings.py", "test_runs.py",
     "test_meshes.py", "test_detection.py", "test_figures.py", "test_changes.py",

@@ -8,6 +8,7 @@ import trimesh
 from detections import true_case
 
 from jaxmm.files import load_json
+from jaxmm.inputs import InputError
 from jaxmm.scan_files import read_scans
 from jaxmm.scan_poses import parse_pose
 from warp_scanner.points import points_of
@@ -128,6 +129,24 @@ def test_the_thesis_preset_keeps_its_own_boxes(files, tmp_path, said):
     assert all(one["rotation"] == 0.0 for one in told["mismatches"])
 
 
+def test_a_preset_of_the_settings_counts_unless_another_is_given(files, tmp_path, monkeypatch, said):
+    from jaxmm import detect_files
+
+    found = []
+
+    def seen(*_, settings, **__):
+        found.append(settings)
+        raise InputError("that will do")
+
+    monkeypatch.setattr(detect_files, "detect", seen)
+    (tmp_path / "settings.toml").write_text('preset = "thesis"\nclasses = ["door"]\n')
+    asked = ["detect", files[0], files[1], "--out", tmp_path / "out", "--settings", tmp_path / "settings.toml"]
+    for more in ([], ["--preset", "default"], ["--preset", "thesis", "--classes", "wall, slab"]):
+        assert said(*asked, *more)[0] == 2
+    assert [one.preset for one in found] == ["thesis", "default", "thesis"]
+    assert [one.classes for one in found] == [("door",), ("door",), ("wall", "slab")]
+
+
 @pytest.mark.parametrize(
     "change, words",
     [
@@ -138,10 +157,15 @@ def test_the_thesis_preset_keeps_its_own_boxes(files, tmp_path, said):
         pytest.param({"--pose": "100,100,0,0"}, ["outside the building"], id="a pose outside"),
         pytest.param({"--sensor": "eye"}, ["eye"], id="an unknown sensor"),
         pytest.param({"--settings": "none.toml"}, ["none.toml"], id="no settings"),
-        pytest.param({"--classes": "roof"}, ["roof", "wall"], id="an unknown class"),
+        pytest.param({"--classes": "wall,roof"}, ["got roof", "wall"], id="an unknown class"),
         pytest.param({"--model": "none.safetensors"}, ["none.safetensors"], id="no model"),
         pytest.param({"--unit": "-1"}, ["--unit", "above 0"], id="a negative unit"),
         pytest.param({"--prior-unit": "0.001"}, ["--prior-unit", "IFC"], id="a unit for IFC"),
+        pytest.param({"prior": "room.obj", "--apply": None}, ["--apply", "only for IFC"], id="a mesh to apply to"),
+        pytest.param({"prior": "scan.npy", "--apply": None}, ["--apply", "only for IFC"], id="a cloud to apply to"),
+        pytest.param({"prior": "scan.npy", "--up": "y"}, ["--up", "point cloud"], id="an axis for a cloud"),
+        pytest.param({"prior": "dots.ply", "--open-doors": None}, ["--open-doors", "point cloud"], id="no doors"),
+        pytest.param({"prior": "scan.npy", "--clear-glass": None}, ["--clear-glass", "point cloud"], id="no glass"),
         pytest.param({"--out": "."}, ["--out", "holds something"], id="a folder that is not empty"),
     ],
 )
@@ -150,10 +174,13 @@ def test_what_cannot_be_used_is_refused(files, refused, tmp_path, change, words)
     prior = ifc if "prior" not in change else ifc.parent / change.pop("prior")
     scan = scan if "scan" not in change else scan.parent / change.pop("scan")
     (ifc.parent / "scan.xyzw").write_bytes(b"1 2 3")
+    (ifc.parent / "room.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    trimesh.PointCloud(np.load(files[1])).export(ifc.parent / "dots.ply")
     asked = {"--pose": pose, "--out": str(tmp_path / "out")} | change
     if asked["--out"] == ".":
         asked["--out"] = str(ifc.parent)
-    refused(["detect", prior, scan, *(word for pair in asked.items() for word in pair)], *words)
+    given = [word for pair in asked.items() for word in pair if word is not None]
+    refused(["detect", prior, scan, *given], *words)
     assert not (tmp_path / "out").exists() and not list(tmp_path.iterdir())
 
 

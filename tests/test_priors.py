@@ -8,7 +8,7 @@ import trimesh
 from valid_ifc import ifc_text
 
 from jaxmm.inputs import InputError
-from jaxmm.priors import distance_to, prior_of_building, prior_of_cloud, read_prior
+from jaxmm.priors import distance_from, kind_of, prior_of_building, prior_of_cloud, read_prior
 from jaxmm.report import PriorFile
 from warp_scanner.buildings import ReadOptions
 from warp_scanner.room_buildings import building_of_room
@@ -39,10 +39,10 @@ def test_a_round_column_is_as_wide_as_it_is_deep():
     assert prior.sizes.columns[0][:2] == pytest.approx((0.5, 0.5), abs=0.02)
 
 
-def test_distances_are_to_the_surface_and_no_farther_than_asked():
+def test_distances_are_to_the_surface_within_reach():
     prior = prior_of_building(building_of_room(walls_and_columns(), 0)[0])
-    found = distance_to(prior, np.array([[0, 1.1, 1.5], [0, 0.05, 1.5], [50, 0, 0]], np.float32), 2.0)
-    np.testing.assert_allclose(found, [1.0, 0.05, 2.0], atol=1e-5)
+    found = distance_from(prior)(np.array([[0, 1.1, 1.5], [0, 0.05, 1.5], [50, 0, 0]]), 2.0)
+    np.testing.assert_allclose(found, [1.0, 0.05, np.inf], atol=1e-5)
 
 
 def test_a_ply_without_faces_is_a_cloud_and_with_them_a_building(tmp_path):
@@ -50,8 +50,9 @@ def test_a_ply_without_faces_is_a_cloud_and_with_them_a_building(tmp_path):
     trimesh.PointCloud(box.sample(5000)).export(tmp_path / "cloud.ply")
     box.export(tmp_path / "mesh.ply")
     cloud, mesh = read_prior(tmp_path / "cloud.ply"), read_prior(tmp_path / "mesh.ply")
+    assert [kind_of(tmp_path / name) for name in ("cloud.ply", "mesh.ply")] == ["cloud", "mesh"]
     assert not cloud.has_elements and mesh.has_elements and cloud.sizes.walls == ()
-    assert abs(distance_to(cloud, box.sample(200).astype(np.float32), 1.0)).max() < 0.25
+    assert abs(distance_from(cloud)(box.sample(200), 1.0)).max() < 0.25
 
 
 def test_the_prior_says_which_file_it_is_and_in_which_unit(tmp_path):

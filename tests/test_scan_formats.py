@@ -65,6 +65,7 @@ def test_every_scan_of_an_e57_file_comes_with_its_pose(tmp_path):
         np.testing.assert_allclose(scan.rotation, rotation, atol=1e-12)
         np.testing.assert_array_equal(scan.position, position)
         np.testing.assert_allclose(scan.points, POINTS @ rotation.T + position, atol=1e-8)
+        assert scan.in_world
 
 
 def test_spherical_invalid_and_empty_scans_of_an_e57_file(tmp_path):
@@ -127,7 +128,13 @@ def test_viewpoints_of_pcd(tmp_path, viewpoint, posed):
         ("a.csv", "X;Y\n1;2\n", "columns X, Y and Z, got x, y"),
         ("a.csv", "X;Y;Z\n", "at least one row"),
         ("a.csv", "X;Y;Z\n1;2;3\n4;;6\n", "rows of numbers"),
+        ("a.csv", "x,y,z,i\n1,2,3,4,5\n", "4 columns as its header names, got 5"),
+        ("a.csv", "x,y,z,i\n1,2,3\n", "4 columns as its header names, got 3"),
         ("a.txt", "1 2\n3 4\n", "columns X, Y and Z"),
+        ("a.txt", "# only comments\n// and no points\n", "columns X, Y and Z, got none"),
+        ("a.txt", "3\n1 2 3 4\n5 6 7 8\n", "truncated: expected 3 points as it says itself, found 2"),
+        ("a.txt", "7\n8\n9\n", "columns X, Y and Z, got 8"),
+        ("a.txt", "1 2 3\n# a comment amid points\n4 5 6\n", "rows of numbers"),
         ("a.vtk", "# vtk DataFile Version 3.0\n", "a scan ending in .ply, .pcd, .e57, .las, .laz, .csv"),
         ("a.ply", "# vtk DataFile Version 3.0\n", "expected a PLY file"),
     ],
@@ -139,10 +146,29 @@ def test_text_that_cannot_be_meant_is_refused(tmp_path, name, text, word):
 
 
 @pytest.mark.parametrize(
-    "text", ["//X Y Z R\n{0} {1} {2} 7\n", "# x y z r\n{0} {1} {2} 7\n", '"X";"Y";"Z";\r\n{0};{1};{2};\r\n\r\n']
+    "text",
+    [
+        "//X Y Z R\n{0} {1} {2} 7\n",
+        "# x y z r\n{0} {1} {2} 7\n",
+        '"X";"Y";"Z";\r\n{0};{1};{2};\r\n\r\n',
+        "x,y,z,intensity\n{0},{1},{2},\n",  # a last cell that is empty
+        "x,y,z\n{0},{1},{2},\n",
+    ],
 )
 def test_headers_that_others_write(tmp_path, text):
     header, row, *rest = text.splitlines(keepends=True)
     body = "".join(row.format(*point) for point in POINTS)
     (tmp_path / "a.txt").write_text(header + body + "".join(rest), newline="")
     np.testing.assert_array_equal(read_scans(tmp_path / "a.txt")[0].points, POINTS)
+
+
+@pytest.mark.parametrize(
+    "start",
+    ["# made by a scanner; version 2, 3\n", "// a\n# b\n\n", "300\n", "# made by\n300\n", "//X Y Z i\n300\n",
+     "# made by\n// X Y Z i\n# more\n", "\n\n", "\ufeff# made by\n"],
+)  # fmt: skip
+def test_what_others_write_before_the_points(tmp_path, start):
+    """Comments, and the number of points."""
+    body = "".join("{} {} {} 0.5\n".format(*point) for point in POINTS)
+    (tmp_path / "a.xyz").write_text(start + body, encoding="utf-8")
+    np.testing.assert_array_equal(read_scans(tmp_path / "a.xyz")[0].points, POINTS)
