@@ -16,6 +16,7 @@ beside them how many of those that nobody can see it calls removed. Needs py4dge
 """
 
 import argparse
+import logging
 from contextlib import chdir
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -95,8 +96,9 @@ def _rivals(case: RoomCase) -> dict[str, np.ndarray]:
 
 def _m3c2(points: np.ndarray, scan: np.ndarray) -> np.ndarray:
     """Absolute M3C2 distances (N,) [m] of the points to the scan."""
-    with TemporaryDirectory() as folder, chdir(folder):  # it begins a log where it is imported
+    with TemporaryDirectory() as folder, chdir(folder):  # it begins a log where it is imported, and later writes there
         import py4dgeo
+    logging.getLogger("py4dgeo").handlers.clear()
     py4dgeo.set_num_threads(1)
     before, after = py4dgeo.Epoch(points), py4dgeo.Epoch(scan)
     search = py4dgeo.M3C2(
