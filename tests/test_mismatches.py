@@ -60,7 +60,7 @@ def raised(looked, by):
         change: side._replace(view=side.view._replace(points=side.view.points + np.float32([0, 0, by])))
         for change, side in (("added", looked.added), ("removed", looked.removed))
     }
-    rays = looked.rays._replace(position=looked.rays.position + [0, 0, by])
+    rays = looked.rays._replace(position=looked.rays.position + np.array([0, 0, by]))
     return looked._replace(rays=rays, levels=tuple(level + by for level in looked.levels), **sides)
 
 
@@ -71,7 +71,7 @@ def test_every_storey_has_a_floor_and_a_ceiling_of_its_own():
     (alone,) = mismatches_of(case.prior, [looked], None, settings)
     below, above = mismatches_of(case.prior, [looked, raised(looked, 3.4)], None, settings)
     for one, rise in ((below, 0.0), (above, 3.4)):
-        np.testing.assert_allclose(one.center, alone.center + [0, 0, rise], atol=1e-3)
+        np.testing.assert_allclose(one.center, alone.center + np.array([0, 0, rise]), atol=1e-3)
         np.testing.assert_allclose(one.dimensions, alone.dimensions, atol=1e-3)
     assert len(mismatches_of(case.prior, [looked, looked], None, settings)) == 1  # of one storey, one object
 
