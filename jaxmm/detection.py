@@ -13,11 +13,11 @@ from jaxmm.cloud_comparison import compare, visible
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges, Side, judge
-from jaxmm.mismatches import Looked, mismatches_of
-from jaxmm.next_view import Stage, next_views
+from jaxmm.mismatches import Looked, mismatches_of, shown_by_each
+from jaxmm.next_view import Stage, next_views, stand_of
 from jaxmm.placement import Placed, place
 from jaxmm.priors import Prior
-from jaxmm.report import Detection, Drawing, ElementVerdict, Pose, ScanRecord
+from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
 from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
@@ -64,9 +64,9 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
     mismatches = mismatches_of(prior, looked, _of_classes(prior, verdicts, settings), settings)
     timing["objects"] = time.perf_counter() - start - sum(timing.values())
-    elements = _elements(prior, verdicts, looked, settings) if verdicts is not None else ()
+    elements = _elements(prior, verdicts, (placed, looked), settings) if verdicts is not None else ()
     timing["next views"] = time.perf_counter() - start - sum(timing.values())
-    records = _records(prior, scans, placed, (told, settings))
+    records = _records(prior, scans, placed, (told, settings, mismatches))
     drawing = _drawing(prior, looked, placed)
     timing["total"] = time.perf_counter() - start
     residuals = [one.residual for one in placed if np.isfinite(one.residual)]
@@ -117,13 +117,13 @@ def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSe
 
 
 def _elements(
-    prior: Prior, verdicts: list[Verdict], looked: list[Looked], settings: DetectSettings
+    prior: Prior, verdicts: list[Verdict], scans: tuple[list[Placed], list[Looked]], settings: DetectSettings
 ) -> tuple[ElementVerdict, ...]:
     """The verdicts of the wanted classes, with a view to take next where one was hidden."""
     table, storeys = prior.building.elements, prior.building.storeys
     rows = np.flatnonzero(np.isin(table.semantic, [SEMANTIC[name] for name in settings.classes]))
     hidden = [int(row) for row in rows if verdicts[row].verdict == OCCLUDED] if settings.propose_views else []
-    views = dict(zip(hidden, _views(prior, looked, np.array(hidden, int)), strict=True)) if hidden else {}
+    views = dict(zip(hidden, _views(prior, *scans, np.array(hidden, int)), strict=True)) if hidden else {}
     return tuple(
         ElementVerdict(
             table.guid[row], table.ifc_class[row], table.name[row],
@@ -134,14 +134,11 @@ def _elements(
     )  # fmt: skip
 
 
-def _views(prior: Prior, looked: list[Looked], hidden: np.ndarray) -> list[Pose | None]:
-    """From about the height of the first scan's sensor, with all that any robot saw standing around."""
-    first = looked[0]
+def _views(prior: Prior, placed: list[Placed], looked: list[Looked], hidden: np.ndarray) -> list[Pose | None]:
+    """For the sensor of the scan that is nearest, with all that any robot saw standing around."""
     unknown = [one.added.view.points[one.added.view.apart > 0.15] for one in looked]
-    stage = Stage(
-        prior.building, prior.scene, np.concatenate(unknown), first.rays.position,
-        float(first.rays.position[2] - first.levels[0]),
-    )  # fmt: skip
+    stands = tuple(stand_of(fit.scan, one.rays, one.levels[0]) for fit, one in zip(placed, looked, strict=True))
+    stage = Stage(prior.building, prior.scene, np.concatenate(unknown), stands)
     found = []
     for view in next_views(stage, hidden):
         if view is None:
@@ -153,10 +150,14 @@ def _views(prior: Prior, looked: list[Looked], hidden: np.ndarray) -> list[Pose 
 
 
 def _records(
-    prior: Prior, scans: list[NamedScan], placed: list[Placed], told: tuple[list[Told | None], DetectSettings]
+    prior: Prior,
+    scans: list[NamedScan],
+    placed: list[Placed],
+    told: tuple[list[Told | None], DetectSettings, tuple[Mismatch, ...]],
 ) -> tuple[ScanRecord, ...]:
-    """What is known of every scan, and which verdicts it changed beyond those before it."""
-    (says, settings), records = told, []
+    """What is known of every scan: which verdicts it changed beyond those before it, which mismatches it shows."""
+    (says, settings, mismatches), records = told, []
+    shows, alone = shown_by_each(mismatches, len(scans))
     if prior.has_elements:
         wanted = np.isin(prior.building.elements.semantic, [SEMANTIC[name] for name in settings.classes])
         before = np.full(int(wanted.sum()), UNSCANNED)
@@ -173,7 +174,8 @@ def _records(
         }  # fmt: skip
         pose = _pose_of(fit.scan, prior.origin)
         records.append(ScanRecord(
-            one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, one.notes
+            one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, one.notes,
+            int(shows[number]), int(alone[number]),
         ))  # fmt: skip
     return tuple(records)
 

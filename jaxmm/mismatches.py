@@ -16,6 +16,7 @@ from jaxmm.hindsight import Alone
 from jaxmm.judging import Side
 from jaxmm.object_shapes import is_round
 from jaxmm.objects import Judged, find_objects
+from jaxmm.places import Visits, fused
 from jaxmm.priors import Prior
 from jaxmm.report import Mismatch
 from jaxmm.scan_rays import ScanRays
@@ -62,6 +63,13 @@ def mismatches_of(
     return tuple(_linked([one for one in found if one.probability >= settings.least_probability]))
 
 
+def shown_by_each(found: tuple[Mismatch, ...], scans: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of each scan (S,) how many mismatches it shows, and how many of those all others together show too little of."""
+    rays = np.array([one.told_by for one in found], int).reshape(-1, scans)
+    others = rays.sum(axis=1, keepdims=True) - rays
+    return (rays > 0).sum(axis=0), ((rays > 0) & (others < LEAST_MET)).sum(axis=0)
+
+
 def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[Mismatch]:
     """The walls and columns whose verdict is removed, with their own boxes."""
     building, found = prior.building, []
@@ -81,13 +89,23 @@ def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[M
 
 def _all_fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSettings) -> list[Mismatch]:
     """Objects of one side, storey by storey: each has a floor and a ceiling of its own."""
-    storeys: list[list[Looked]] = []
-    for one in sorted(looked, key=lambda one: one.levels[0]):
-        if storeys and one.levels[0] - storeys[-1][-1].levels[0] < STOREY:
-            storeys[-1].append(one)
+    floor, storeys = [one.levels[0] for one in looked], []
+    for number in sorted(range(len(looked)), key=floor.__getitem__):
+        if storeys and floor[number] - floor[storeys[-1][-1]] < STOREY:
+            storeys[-1].append(number)
         else:
-            storeys.append([one])
-    return [found for storey in storeys for found in _fitted(prior, storey, change, settings)]
+            storeys.append([number])
+    return [
+        found._replace(told_by=_of_all(found.told_by, storey, len(looked)))
+        for storey in storeys
+        for found in _fitted(prior, [looked[number] for number in storey], change, settings)
+    ]
+
+
+def _of_all(rays: tuple[int, ...], storey: list[int], scans: int) -> tuple[int, ...]:
+    """Rays of the scans of one storey, as of all scans: those of other storeys were not asked."""
+    told = dict(zip(storey, rays, strict=True))
+    return tuple(told.get(number, 0) for number in range(scans))
 
 
 def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSettings) -> list[Mismatch]:
@@ -117,18 +135,16 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
 
 
 def judged_side(looked: list[Looked], change: str) -> Judged:
-    """One side of all scans together."""
+    """One side of all scans together: of a place that several saw, one point has what all say."""
     sides = [getattr(one, change) for one in looked]
-    return Judged(
-        np.concatenate([side.view.points for side in sides]),
-        np.concatenate([side.pillar for side in sides]),
-        np.concatenate([side.wall for side in sides]),
-        np.concatenate([side.view.apart for side in sides]),
-        np.array([one.rays.position for one in looked]),
-        min(one.levels[0] for one in looked),
-        max(one.levels[1] for one in looked),
-        np.repeat(np.arange(len(sides)), [len(side.view.points) for side in sides]),
-    )
+    points = np.concatenate([side.view.points for side in sides])
+    scan = np.repeat(np.arange(len(sides)), [len(side.view.points) for side in sides])
+    sensors = np.array([one.rays.position for one in looked])
+    visits = Visits(points, scan, np.linalg.norm(points - sensors[scan], axis=1))
+    pillar, wall = fused(visits, np.concatenate([np.column_stack([side.pillar, side.wall]) for side in sides])).T
+    apart = np.concatenate([side.view.apart for side in sides])
+    floor, ceiling = min(one.levels[0] for one in looked), max(one.levels[1] for one in looked)
+    return Judged(points, pillar, wall, apart, sensors, floor, ceiling, scan)
 
 
 def _alone(box: Box, change: str, looked: list[Looked]) -> list[Alone]:
@@ -143,7 +159,7 @@ def _mismatch(prior: Prior, box: Box, change: str, alone: list[Alone]) -> Mismat
     return Mismatch(
         box.object_type, change, np.asarray(box.center, np.float64) + prior.origin,
         np.asarray(box.dimensions, np.float64), float(box.rotation), float(box.probability),
-        observable_fraction=max(shares, default=0.0), shape=box.shape,
+        observable_fraction=max(shares, default=0.0), shape=box.shape, told_by=tuple(part.tell for part in alone),
     )  # fmt: skip
 
 

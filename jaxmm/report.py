@@ -39,6 +39,7 @@ class Mismatch(NamedTuple):
     moved_from: int | None = None  # of an added object: index of the removed one that it seems to be
     observable_fraction: float | None = None  # of what would be seen of it if it stood alone; None where unknown
     shape: str = "rectangular"  # "rectangular" | "round": the footprint
+    told_by: tuple[int, ...] = ()  # of each scan: rays that show that it is new, or gone; not in report.json
 
 
 class ElementVerdict(NamedTuple):
@@ -66,6 +67,8 @@ class ScanRecord(NamedTuple):
     registration: dict[str, float]  # shift [m], turn [deg], residual [m], overlap, overlap_before
     told: dict[str, int]  # by verdict: elements whose verdict this scan changed, in the order of the scans
     notes: tuple[str, ...] = ()
+    shows: int = 0  # mismatches that some of its rays tell of
+    alone: int = 0  # of those: all other scans together have too few rays to tell of so many
 
 
 class Drawing(NamedTuple):
@@ -146,7 +149,9 @@ def to_json(detection: Detection) -> dict[str, Any]:
 
 
 def _mismatch(one: Mismatch) -> dict[str, Any]:
-    return _plain(one._asdict() | {"probability": round(one.probability, 6)})
+    told = one._asdict() | {"probability": round(one.probability, 6)}
+    del told["told_by"]
+    return _plain(told)
 
 
 def _element(one: ElementVerdict) -> dict[str, Any]:

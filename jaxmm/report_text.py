@@ -178,6 +178,7 @@ def _scans(scans: Iterable[ScanRecord]) -> list[str]:
         lines.append(f"   - {told}. Registration: {fitted or 'none'}.")
         changed = ", ".join(f"{count} {name}" for name, count in one.told.items() if count)
         lines.append(f"   - Elements whose verdict it changed: {changed or 'none'}.")
+        lines.append(f"   - Mismatches that it shows: {one.shows}; of {one.alone} of them all others show too little.")
         lines += [f"   - {escaped(note)}" for note in one.notes]
     return lines
 

@@ -137,8 +137,11 @@ function showDetails() {
   byId("notes").append(notes.length ? make("ul", {}, ...notes.map((note) => make("li", {}, note))) : "None.");
   byId("notes").open = data.thinned.length > 0;
   const rows = report.scans.map((one, scan) => {
-    const { told: changed, ...rest } = one;
-    const told = { ...rest, "verdicts that it changed": changed, pose: poseWords(one.pose) };
+    const { told: changed, shows, alone, ...rest } = one;
+    const told = {
+      ...rest, "verdicts that it changed": changed, "mismatches that it shows": shows,
+      "of those, shown too little by all others": alone, pose: poseWords(one.pose),
+    };
     if (one.deviation) told.deviation = poseWords(one.deviation);
     return [`scan ${scan + 1}`, valueNode(told)];
   });
