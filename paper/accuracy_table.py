@@ -1,6 +1,6 @@
 """Markdown tables of what `python -m benchmarks.accuracy` measured.
 
-    python paper/accuracy_table.py runs/accuracy [--figure reliability.png]
+    python paper/accuracy_table.py runs/accuracy [--figure accuracy_reliability.png]
 
 Reads the run folders and prints; rooms are scored by benchmarks.accuracy alone. First a line a row of the two main
 conditions, then a line a condition: of each method the worst of the eight rows.

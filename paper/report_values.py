@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from jaxmm.box_match import MAX_DISTANCE, MIN_OVERLAP
 from jaxmm.evidence import FEATURES
 from jaxmm.files import load_json
 from jaxmm.inputs import InputError
@@ -79,7 +80,7 @@ class Results:
             best = own["evidence"]
             told = all_reported().get((section, best["test_case"], best["condition"]))
             network = own.get("network", {"roc_auc": None})
-            cells = [f"{best['test_case'].lower()}, {best['condition']}", f"{best['scene_count']}/{best['room_count']}"]
+            cells = [_case(best), f"{best['scene_count']}/{best['room_count']}"]
             cells += [_number(told["roc_auc"]) if told else "-", _pair(own["nn-raw"]), _pair(own["rule"])]
             cells += [f"{_pair(network)} ({network.get('training')})" if network["roc_auc"] is not None else "-"]
             interval, behind = best["ci95"]["roc_auc"], {_key(row) for row in self._behind(labels)}
@@ -101,8 +102,8 @@ class Results:
         lines = [_line(head), _line(["---"] * len(head))]
         for key in dict.fromkeys(map(_key, rows)):
             own = {_column(row): row for row in rows if _key(row) == key}
-            case, condition = own["evidence"]["test_case"], own["evidence"]["condition"]
-            cells = [f"{case.lower()}, {condition}", self.reported(own["evidence"]["section"], case, condition)]
+            one = own["evidence"]
+            cells = [_case(one), self.reported(one["section"], one["test_case"], one["condition"])]
             for name in ("network", "evidence"):
                 told = own[name]["selected"]
                 right = "-" if told["right_share"] is None else f"{100 * told['right_share']:.0f} %"
@@ -118,10 +119,26 @@ class Results:
         lines = [_line(head), _line(["---"] * len(head))]
         for key in dict.fromkeys((row["test_case"], row["condition"]) for row in rows):
             own = {row["method"]: row for row in rows if (row["test_case"], row["condition"]) == key}
-            boxes = {name: f"{_share(own[name]['box_recall'])}, {_share(own[name]['box_precision'])}" for name in names}
-            cells = [f"{_pair(own[name])}; {boxes[name]}" for name in names]
+            cells = [f"{_pair(own[name])}; {_found_and_right(own[name])}" for name in names]
             lines.append(_line([f"{key[0].lower()}, {key[1]}", *cells]))
         return "\n".join(lines)
+
+    def boxes(self) -> str:
+        """Every row: the share of changed objects that boxes of each method stand for, and of boxes that are right."""
+        rows, columns = [row for row in self.rows if row["label_kind"] == "true"], (*FIXED[:2], "network", FIXED[2])
+        head = ["test case", *(f"{name}: found, right" for name in columns)]
+        lines, section = [_line(head), _line(["---"] * len(head))], ""
+        for key in dict.fromkeys(map(_key, rows)):
+            own = {_column(row): row for row in rows if _key(row) == key}
+            if section != (section := _where(own["evidence"])):
+                lines.append(_line([f"**{section}**", *[""] * len(columns)]))
+            lines.append(_line([_case(own["evidence"]), *(_found_and_right(own[name]) for name in columns)]))
+        return "\n".join(lines)
+
+    def match(self) -> str:
+        """In words: which boxes stand for one object."""
+        overlap = f"intersection over union of at least {MIN_OVERLAP:g}"
+        return f"an {overlap}, or centres within {MAX_DISTANCE:g} m"
 
     def study(self, name: str) -> str:
         """One study: a line a level and scenario."""
@@ -167,9 +184,8 @@ class Results:
         head = ["section", "test case", "best", "its AUC", "evidence"]
         lines = [_line(head), _line(["---"] * len(head))]
         for row in rows:
-            where = row["section"] if row["source"] == ROOMS else f"{row['section']} ({row['source']})"
-            case = f"{row['test_case'].lower()}, {row['condition']}"
-            lines.append(_line([where, case, row["best"], _number(row["roc_auc"]), _number(row["evidence"])]))
+            cells = [_where(row), _case(row), row["best"], _number(row["roc_auc"]), _number(row["evidence"])]
+            lines.append(_line(cells))
         return "\n".join(lines)
 
     def network_gains(self, *trainings: str) -> str:
@@ -226,6 +242,14 @@ def _column(row: dict[str, Any]) -> str:
     return row["method"] if row["method"] in FIXED else "network"
 
 
+def _where(row: dict[str, Any]) -> str:
+    return row["section"] if row["source"] == ROOMS else f"{row['section']} ({row['source']})"
+
+
+def _case(row: dict[str, Any]) -> str:
+    return f"{row['test_case'].lower()}, {row['condition']}"
+
+
 def _rows_of(path: Path) -> list[dict[str, Any]]:
     """The rows of a table; InputError where the file holds none."""
     table = load_json(path)
@@ -250,6 +274,10 @@ def _pair(row: dict[str, Any]) -> str:
 
 def _share(value: float | None) -> str:
     return "-" if value is None else f"{100 * value:.0f} %"
+
+
+def _found_and_right(row: dict[str, Any]) -> str:
+    return f"{_share(row['box_recall'])}, {_share(row['box_precision'])}"
 
 
 def _line(cells: list[str]) -> str:

@@ -18,6 +18,7 @@ from jaxmm.stages import STAGE, STAGES
 
 TABLES = ("table_1", "label_noise", "studies", "thesis_scans")  # the last only where the thesis's data was there
 NEEDED = TABLES[:-1]
+RUN = "run.json"
 
 
 def collect(run: Path, out: Path) -> None:
@@ -32,6 +33,7 @@ def collect(run: Path, out: Path) -> None:
         raise InputError(f"{out}: expected a folder, found a file")
     if missing := [name for name in NEEDED if not (run / f"{name}.json").is_file()]:
         raise InputError(f"{run}: expected a finished run of the paper, found no {missing[0]}.json")
+    facts = told(run)
     out.mkdir(parents=True, exist_ok=True)
     for name in TABLES:
         if (run / f"{name}.json").is_file():
@@ -39,7 +41,7 @@ def collect(run: Path, out: Path) -> None:
             for kind in ("csv", "md"):
                 write_text(out / f"{name}.{kind}", (run / f"{name}.{kind}").read_text(encoding="utf-8"))
     write_text(out / runs.CONFIG, (run / runs.CONFIG).read_text(encoding="utf-8"))
-    write_json(out / "run.json", told(run))
+    write_json(out / RUN, facts)
 
 
 def _row_by_row(table: dict[str, Any]) -> str:
@@ -49,19 +51,31 @@ def _row_by_row(table: dict[str, Any]) -> str:
 
 
 def told(run: Path) -> dict[str, Any]:
-    """When and from which commit a run was made, and how much it looked at."""
-    stages = run / STAGES
+    """When and from which commit a run was made, and how much it looked at.
+
+    Raises:
+        InputError: a file of a stage is missing or damaged, or none tells a date.
+    """
+    stages, date = run / STAGES, date_of(run)
+    if date is None:
+        raise InputError(f"{stages}: expected stages that tell their date, found none; begin the run anew")
     scored = ("rooms/*/rooms.json", "files/*/building_*.json", "sweeps/*/*_*ed.json", "scaling_rooms/*/rooms.json")
     scenes = [load_json(path) for pattern in scored for path in sorted(stages.glob(pattern))]
     clouds = [load_arrays(path)["count"] for path in sorted(stages.glob("clouds/data/train_*.npz"))]
     return {
-        "date": max(load_json(path)["date"] for path in stages.rglob(STAGE)),
+        "date": date,
         "versions": load_json(run / runs.VERSIONS),
         "networks": len(load_json(stages / "models" / "entries.json")),
         "training_clouds": sum(map(len, clouds)),
         "test_scenes": sum(map(len, scenes)),
         "files": sorted(path.name for path in stages.glob("files/*") if path.is_dir()),
     }
+
+
+def date_of(run: Path) -> str | None:
+    """The day on which a run's last stage was begun, ISO 8601; None where no stage tells, as in runs of older code."""
+    dates = [load_json(path).get("date") for path in (run / STAGES).rglob(STAGE)]
+    return max(filter(None, dates), default=None)
 
 
 if __name__ == "__main__":

@@ -1,86 +1,43 @@
 """The figures of the paper on data and learning: they draw from a run folder, and show what its arrays hold."""
 
-import dataclasses
 import itertools
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from figure_run import small_config, write_scenes, write_training
 from sklearn import metrics
 
 from jaxmm import figures, room_figures, runs
-from jaxmm.calibration import reliability
-from jaxmm.config import CONDITIONS, SCENARIOS, load
-from jaxmm.files import write_arrays, write_json
-from jaxmm.inputs import InputError
+from jaxmm.config import CONDITIONS, SCENARIOS
 from jaxmm.network import PointNetwork
-from jaxmm.paper_models import ENTRIES, MODELS
 from jaxmm.paper_rows import ROOMS, TestScenes, needed_models
-from jaxmm.paper_scenes import room_scenes
 from jaxmm.room_figures import ScoredCloud
-from jaxmm.rule import rule_scores
-from jaxmm.stages import STAGE, STAGES
 from paper.figures import __main__ as folder
-from paper.figures import boxes, curves, network, outcomes, threshold_curves, verdicts, voxels
+from paper.figures import curves, network, outcomes, threshold_curves, verdicts
 from paper.figures import object_filter as filter_figure
-from paper.figures import reliability as reliability_figure
-from paper.figures.panels import COLUMNS, METHODS, command, example_of, few, mixed, raw_pair, training_curves
+from paper.figures.examples import example_of, raw_pair, training_curves
+from paper.figures.panels import COLUMNS, METHODS, few, mixed
 from warp_scanner.scenes import STRUCTURE
 
-ROOT = Path(__file__).resolve().parents[1]
-SEED = 21  # neither trained, validated nor tested on
 FROM_ROOMS = (
     "curves", "evidence_maps", "heatmaps", "histograms", "instances", "labels", "network", "object_filter", "outcomes",
     "raw_pairs", "scenario_rooms", "threshold_curves", "voxels",
 )  # fmt: skip
 FROM_TRAINING = ("losses", "validation")
+ELSEWHERE = ("boxes", "failures", "reliability", "studies", "table", "verdicts")  # drawn in tests of their own
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
     """A run folder with one example of every set that the figures want, and made-up records; nothing was trained."""
-    config = load(ROOT / "configs" / "paper_smoke.toml")
-    config = dataclasses.replace(config, data=dataclasses.replace(config.data, test_seed=SEED))
-    path = tmp_path_factory.mktemp("run") / "paper"
+    path, config = tmp_path_factory.mktemp("run") / "paper", small_config()
     with runs.open_run(path, config, staged=True):
         for scenario, condition in COLUMNS:
-            write_example(path, config, scenario, condition)
+            write_scenes(path, config, TestScenes(ROOMS, scenario, condition), scenario)
         write_training(path)
     return path
-
-
-def write_example(path, config, scenario, condition):
-    scenes = TestScenes(ROOMS, scenario, condition)
-    shown = (one for one in room_scenes(config, scenes, (scenario,), 4) if one.views[scenario].cloud.true.sum() >= 5)
-    scene = next(shown)
-    cloud, _, ((dt,), (robot,)) = scene.views[scenario]
-    rule = rule_scores(cloud.evidence, removed=scenario.endswith("removed"))
-    scores = {"nn-raw": cloud.distance, "rule": rule, "xyz_nn": cloud.distance / (cloud.distance + 0.2)}
-    scores["evidence"] = 0.02 + 0.9 * rule
-    arrays = cloud._asdict() | {f"score {name}": value for name, value in scores.items()}
-    arrays = {f"{scenario}/{name}": value for name, value in arrays.items()}
-    arrays |= {"dt": dt.points, "robot": robot.points, "room": np.array(scene.number), "place": np.array("")}
-    target = path / STAGES / "rooms" / scenes.name / "example.npz"
-    target.parent.mkdir(parents=True)
-    write_arrays(target, arrays)
-
-
-def write_training(path):
-    """Records in which the value of an entry says which entry it is of."""
-    target, entries = path / STAGES / MODELS, [f"{name}/{scenario}" for name, scenario in needed_models()]
-    target.mkdir(parents=True)
-    write_json(target / STAGE, {})
-    write_json(target / ENTRIES, entries)
-    numbers = np.arange(1.0, len(entries) + 1)
-    names = ("train_loss", "validation_loss", "validation_precision", "validation_recall")
-    records = [
-        {"method": "joint", "step": step}
-        | {name: (numbers / (step * (index + 1))).tolist() for index, name in enumerate(names)}
-        for step in (2, 4)
-    ]
-    runs.write_records(target, records)
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +49,10 @@ def drawn(run, tmp_path_factory):
         patch.setattr(room_figures, "best_azimuth", lambda points, notable: 37.5)
         made = {name: scripts[name](run, target / f"{name}.png") for name in (*FROM_ROOMS, *FROM_TRAINING)}
     return made, target
+
+
+def test_every_script_is_drawn_by_some_test():
+    assert sorted((*FROM_ROOMS, *FROM_TRAINING, *ELSEWHERE)) == sorted(folder.figure_scripts())
 
 
 def titles_of(figure):
@@ -230,91 +191,8 @@ def test_mixed_clouds_keep_their_colours():
     assert len(np.unique(few(500, 100))) == 100
 
 
-def test_all_figures_go_on_after_one_that_cannot_be_drawn(run, tmp_path, capsys):
-    def missing(run, path):
-        raise InputError(f"{run}: expected more")
-
-    scripts = {"none": missing, "network": folder.figure_scripts()["network"]}
-    assert folder.draw_all(scripts.items(), run, tmp_path / "out") == 2
-    said = capsys.readouterr()
-    assert said.err == f"error: none: {run}: expected more\n"
-    assert said.out == f"{tmp_path / 'out' / 'network.png'}\n"
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["network.png"]
-    assert folder.draw_all([("network", scripts["network"])], run, tmp_path / "out") == 0
-
-
-def test_a_run_without_examples_gives_one_line_a_figure(run, tmp_path, capsys):
-    bare = tmp_path / "bare"
-    bare.mkdir()
-    (bare / runs.CONFIG).write_bytes((run / runs.CONFIG).read_bytes())
-    asked = [name for name in (*FROM_ROOMS, *FROM_TRAINING) if name != "network"]  # that one needs settings alone
-    assert folder.main([str(bare), "--out", str(tmp_path / "out"), "--only", *asked]) == 2
-    said = capsys.readouterr()
-    lines = said.err.splitlines()
-    assert said.out == "" and not any((tmp_path / "out").iterdir())
-    assert [line.split(":")[1].strip() for line in lines] == asked
-    assert all(line.startswith("error: ") and str(bare) in line and "expected" in line for line in lines)
-
-
-def test_one_script_by_itself_says_what_is_missing(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["voxels", str(tmp_path), "--out", str(tmp_path / "x.png")])
-    with pytest.raises(SystemExit) as end:
-        command(voxels.__doc__, voxels.draw)
-    said = capsys.readouterr().err
-    assert end.value.code == 2 and not (tmp_path / "x.png").exists()
-    assert said.startswith(f"error: {tmp_path}") and said.count("\n") == 1
-
-
-def test_unknown_figures_are_refused(run, tmp_path, capsys):
-    with pytest.raises(SystemExit) as end:
-        folder.main([str(run), "--out", str(tmp_path / "out"), "--only", "heatmap"])
-    assert end.value.code == 2 and "heatmaps" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_verdicts_are_drawn_of_the_first_room_that_has_all_kinds_or_the_last_that_was_tried(run, tmp_path, monkeypatch):
     monkeypatch.setattr(verdicts, "TRIED", 2)
     figure = verdicts.draw(run, tmp_path / "verdicts.png")
     told = {text.get_text() for legend in figure.legends for text in legend.get_texts()}
     assert {"present", "sensor and its heading"} <= told and (tmp_path / "verdicts.png").stat().st_size > 5_000
-
-
-def test_reliability_sums_all_rooms_of_a_condition(run, tmp_path):
-    rng, sums = np.random.default_rng(0), {}
-    for scenario, condition in COLUMNS:
-        rooms = []
-        for _ in range(3):
-            probability = rng.random(400)
-            label = rng.random(400) < probability
-            made = {name: reliability(probability, label) for name in ("xyz_nn", "evidence")}
-            sums.setdefault(condition, []).append(made["evidence"].count)
-            told = {
-                name: {"reliability": {k: v.tolist() for k, v in one._asdict().items()}} for name, one in made.items()
-            }
-            rooms.append({"sides": {scenario: {"methods": told}}})
-        write_json(run / STAGES / "rooms" / f"{scenario}_{condition}" / "rooms.json", rooms)
-    figure = reliability_figure.draw(run, tmp_path / "reliability.png")
-    shown = {line.get_label().split(":")[0]: np.asarray(line.get_ydata(), float) for line in figure.axes[0].lines[1:]}
-    assert set(shown) == {
-        f"{name}, {condition}" for name in ("thesis's network", "evidence") for condition in CONDITIONS
-    }
-    for condition in CONDITIONS:
-        np.testing.assert_allclose(shown[f"evidence, {condition}"].mean(), 0.5, atol=0.06)
-        assert sum(map(np.sum, sums[condition])) == 3 * 4 * 400
-
-
-def test_true_boxes_are_those_of_the_scene_that_is_shown(run):
-    case = boxes.CASES[0]._replace(scenes="pillar_added_clean", scenario="pillar_added")
-    path = run / STAGES / "rooms" / case.scenes / "rooms.json"
-    one = {"object_type": "pillar", "center": [1, 2, 0], "dimensions": [1, 1, 3], "rotation": 10.0}
-    side = {"true_box": one, "other_boxes": [one | {"center": [4, 2, 0]}]}
-    write_json(path, [{"room": 7, "place": "", "sides": {"pillar_added": side}}])
-    assert [box.center[0] for box in boxes.true_boxes(run, case, 7, "")] == [1, 4]
-    assert boxes.true_boxes(run, case, 8, "") == []
-
-
-def test_a_file_in_the_place_of_the_folder_is_one_line(run, tmp_path, capsys):
-    (tmp_path / "taken").write_text("mine")
-    assert folder.main([str(run), "--out", str(tmp_path / "taken"), "--only", "network"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "expected a folder" in line and (tmp_path / "taken").read_text() == "mine"

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from jaxmm.files import write_json
 from jaxmm.inputs import InputError
+from jaxmm.stages import STAGE, STAGES
 from paper.report import HERE, RESULTS, TEMPLATE, as_html, report
 from paper.report_values import Results
-from paper.results import collect
+from paper.results import collect, date_of
 
 # Numbers that are definitions or names rather than findings.
 DEFINITIONS = ("95 %", "Equation 3", "Table I", "1 - alpha", "alpha above 1")
@@ -104,6 +106,27 @@ def test_every_row_is_in_one_table_of_its_own_source():
             assert wanted <= set(names) and all(names.count(name) == 1 for name in wanted)
 
 
+def test_the_appendix_holds_the_boxes_of_every_row():
+    lines = report().split("\n## Appendix: boxes\n")[1].split("\n")
+    lines = [line.strip("| ").split(" | ") for line in lines if line.startswith("| ")][2:]
+    told, group = {}, ""
+    for case, *cells in lines:
+        if case.startswith("**"):
+            group = case.strip("* |")
+        else:
+            told.update({(group, case, column): cell for column, cell in enumerate(cells)})
+    order, wanted = ("nn-raw", "rule", "network", "evidence"), {}
+    for row in Results(RESULTS).rows:
+        if row["label_kind"] == "true":
+            source = "" if row["source"] == "generated rooms" else f" ({row['source']})"
+            case = f"{row['test_case'].lower()}, {row['condition']}"
+            column = order.index(row["method"] if row["method"] in order else "network")
+            shares = [row["box_recall"], row["box_precision"]]
+            words = ["-" if share is None else f"{round(100 * share)} %" for share in shares]
+            wanted[row["section"] + source, case, column] = ", ".join(words)
+    assert told == wanted and len(wanted) == 4 * (len(lines) - len({group for group, *_ in wanted}))
+
+
 def test_the_page_is_one_file_with_its_images_inside():
     page = as_html(report())
     assert page.count("<table>") == page.count("</table>") > 5
@@ -115,6 +138,16 @@ def test_an_unfinished_run_is_not_collected(tmp_path):
     with pytest.raises(InputError, match=r"config\.toml"):
         collect(tmp_path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_run_whose_stages_tell_no_date_is_not_collected(results, tmp_path):
+    write_json(results / STAGES / "models" / STAGE, {"key": "0"})
+    with pytest.raises(InputError, match="tell their date"):
+        collect(results, tmp_path / "out")
+    assert not (tmp_path / "out").exists() and date_of(results) is None
+    for name, date in (("clouds", "2024-02-29"), ("sweeps/furniture_2", "2024-03-01"), ("rooms", "2024-01-31")):
+        write_json(results / STAGES / name / STAGE, {"date": date})
+    assert date_of(results) == "2024-03-01"
 
 
 def test_results_are_not_written_into_a_file(results, tmp_path):

@@ -2,6 +2,8 @@
 
 python -m paper.figures runs/paper --out figures
 python -m paper.figures runs/paper --out figures --only heatmaps curves
+
+Each is a PNG that holds the commit and the day of the run as text, run_commit and run_date.
 """
 
 import argparse
@@ -12,6 +14,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from jaxmm.inputs import InputError
+from paper.figures.origin import mark, origin_of
 
 FOLDER = Path(__file__).parent
 
@@ -40,8 +43,12 @@ def figure_scripts() -> dict[str, Callable]:
 
 def draw_all(scripts: Iterable[tuple[str, Callable]], run: Path, folder: Path) -> int:
     """Draw one after the other, and go on when one cannot be drawn; the exit code."""
-    if folder.exists() and not folder.is_dir():
-        print(f"error: --out: expected a folder, found the file {folder}", file=sys.stderr)
+    try:
+        origin = origin_of(run)
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"--out: expected a folder, found the file {folder}")
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
         return 2
     folder.mkdir(parents=True, exist_ok=True)
     code = 0
@@ -49,6 +56,7 @@ def draw_all(scripts: Iterable[tuple[str, Callable]], run: Path, folder: Path) -
         path = folder / f"{name}.png"
         try:
             draw(run, path)
+            mark(path, origin)
         except (InputError, ValueError) as error:
             print(f"error: {name}: {error}", file=sys.stderr, flush=True)
             code = 2

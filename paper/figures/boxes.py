@@ -23,8 +23,10 @@ from jaxmm.inputs import InputError
 from jaxmm.paper_models import load_networks
 from jaxmm.paper_rows import ROOMS, TestScenes
 from jaxmm.stages import STAGES
+from paper.figures.examples import example_of
 from paper.figures.network_rooms import Asked, Found, first_room
-from paper.figures.panels import command, example_of, judged
+from paper.figures.origin import made
+from paper.figures.panels import command, judged
 from paper.figures.plan import OUTLINE, TRUE, TRUE_EDGE, draw_found, draw_room, draw_true, entries
 
 WHOLE = BoxSettings()
@@ -82,7 +84,7 @@ def draw(run: Path, path: Path) -> Figure:
 
 def true_boxes(run: Path, case: Case, room: int, place: str) -> list[Box]:
     """What really changed in a scene, out of its scores."""
-    for scene in load_json(run / STAGES / "rooms" / case.scenes / "rooms.json"):
+    for scene in load_json(made(run / STAGES / "rooms" / case.scenes / "rooms.json")):
         if (scene["room"], scene["place"]) == (room, place):
             side = scene["sides"][case.scenario]
             told = [box for box in (side["true_box"], *side.get("other_boxes", ())) if box is not None]

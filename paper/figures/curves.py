@@ -15,7 +15,8 @@ from sklearn import metrics
 from jaxmm.config import CONDITIONS
 from jaxmm.figures import save, styled
 from jaxmm.room_figures import ScoredCloud
-from paper.figures.panels import COLORS, METHODS, Place, command, example_of, grid, inside, titled
+from paper.figures.examples import example_of
+from paper.figures.panels import COLORS, METHODS, Place, command, grid, inside, titled
 
 
 class Look(NamedTuple):

@@ -12,7 +12,8 @@ from matplotlib.lines import Line2D
 from jaxmm.evidence import FRACTIONS
 from jaxmm.figures import BLACK, BLUE, GREY, PALE, VERMILLION, save, styled
 from jaxmm.room_figures import marker_area, room_axes
-from paper.figures.panels import Place, command, example_of, inside, judged, page, titled
+from paper.figures.examples import example_of
+from paper.figures.panels import Place, command, inside, judged, page, titled
 
 COLORS = {"through": VERMILLION, "support": PALE, "blocked": BLUE, "unseen": GREY}
 WORDS = {

@@ -10,19 +10,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from jaxmm.figures import save, styled
-from paper.figures.panels import (
-    BY_METHOD,
-    METHODS,
-    Place,
-    command,
-    dots,
-    example_of,
-    grid,
-    inside,
-    judged,
-    room_panel,
-    titled,
-)
+from paper.figures.examples import example_of
+from paper.figures.panels import BY_METHOD, METHODS, Place, command, dots, grid, inside, judged, room_panel, titled
 
 
 @styled

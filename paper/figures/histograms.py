@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 from jaxmm.figures import save, styled
 from jaxmm.room_figures import THRESHOLD, draw_histogram
-from paper.figures.panels import BY_METHOD, METHODS, Place, command, example_of, grid, inside, titled
+from paper.figures.examples import example_of
+from paper.figures.panels import BY_METHOD, METHODS, Place, command, grid, inside, titled
 
 
 @styled

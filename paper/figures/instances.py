@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from jaxmm.figures import save, styled
 from jaxmm.room_figures import room_axes
-from paper.figures.panels import Place, command, dots, example_of, few, inside, judged, page, raw_pair, titled
+from paper.figures.examples import example_of, raw_pair
+from paper.figures.panels import Place, command, dots, few, inside, judged, page, titled
 
 
 @styled

@@ -11,19 +11,8 @@ from matplotlib.figure import Figure
 from jaxmm.figures import BLACK, BLUE, GREY, VERMILLION, save, styled
 from jaxmm.labels import heuristic_labels
 from jaxmm.runs import read_config
-from paper.figures.panels import (
-    Example,
-    Place,
-    command,
-    dots,
-    example_of,
-    grid,
-    inside,
-    judged,
-    key,
-    room_panel,
-    titled,
-)
+from paper.figures.examples import Example, example_of
+from paper.figures.panels import Place, command, dots, grid, inside, judged, key, room_panel, titled
 
 FAR, FILTERED, TRUE = "farther than {:g} m", "after the cluster filter", "true labels"
 COLORS = {  # by 2 * labelled + truly changed

@@ -7,15 +7,13 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from jaxmm.figures import loss_curves, styled
-from paper.figures.panels import command, training_curves
+from jaxmm.figures import loss_curves
+from paper.figures.panels import command, draw_training
 
 
-@styled
 def draw(run: Path, path: Path) -> Figure:
     """One panel a scenario."""
-    title = "Loss of the thesis networks (coordinates and distance, augmented)"
-    return loss_curves(training_curves(run, "xyz_nn"), path, title)
+    return draw_training(run, path, loss_curves, "Loss")
 
 
 if __name__ == "__main__":

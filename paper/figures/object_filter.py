@@ -10,20 +10,8 @@ from matplotlib.figure import Figure
 
 from jaxmm.figures import BLACK, GREY, ORANGE, VERMILLION, save, styled
 from jaxmm.preprocess import object_filter
-from paper.figures.panels import (
-    Place,
-    RawPair,
-    command,
-    dots,
-    example_of,
-    few,
-    grid,
-    inside,
-    key,
-    raw_pair,
-    room_panel,
-    titled,
-)
+from paper.figures.examples import RawPair, example_of, raw_pair
+from paper.figures.panels import Place, command, dots, few, grid, inside, key, room_panel, titled
 from warp_scanner.scenes import STRUCTURE
 
 BEFORE, AFTER = "before", "after"

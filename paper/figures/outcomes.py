@@ -12,7 +12,8 @@ from matplotlib.lines import Line2D
 
 from jaxmm.figures import BLACK, GREEN, PALE, VERMILLION, save, styled
 from jaxmm.room_figures import THRESHOLD, ScoredCloud, marker_area
-from paper.figures.panels import BY_METHOD, METHODS, Place, command, dots, example_of, grid, inside, room_panel, titled
+from paper.figures.examples import example_of
+from paper.figures.panels import BY_METHOD, METHODS, Place, command, dots, grid, inside, room_panel, titled
 
 
 class Look(NamedTuple):

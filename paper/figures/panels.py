@@ -1,17 +1,14 @@
-"""What the figure scripts share: scenes out of a run folder of the paper, pages of panels, and a command line.
+"""What the figure scripts share: pages of panels, and a command line.
 
-A script has one function `draw(run, path)` that reads a run folder, writes one image and returns the `Figure`. Scenes
-come out of `stages/rooms/<set>/example.npz`; what is no longer in there (raw scans, before filter and voxels) is
-scanned again from the settings and the seed of the run, which gives the same rays. Nothing is trained.
+A script has one function `draw(run, path)` that reads a run folder, writes one image and returns the `Figure`.
 
 N points of one scan, world frame, metres, z up.
 """
 
 import argparse
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -19,123 +16,20 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
-from jaxmm import runs
-from jaxmm.config import CONDITIONS, SCENARIOS, Config
-from jaxmm.evidence import FEATURES
-from jaxmm.figures import BLUE, GREY, ORANGE, VERMILLION, Curves, curves_from_records
-from jaxmm.files import load_arrays, load_json
+from jaxmm.config import CONDITIONS, SCENARIOS
+from jaxmm.figures import BLUE, GREY, ORANGE, VERMILLION
 from jaxmm.inputs import InputError
-from jaxmm.paper_models import ENTRIES, MODELS
-from jaxmm.pipeline import pairs_of
-from jaxmm.room_figures import ScoredCloud, marker_area, room_axes
-from jaxmm.simulator import CloudSource
-from jaxmm.stages import STAGES, stage_folder
-from warp_scanner.pairs import Pairs
-from warp_scanner.points import points_of
+from jaxmm.room_figures import marker_area, room_axes
+from paper.figures.examples import training_curves
+from paper.figures.origin import mark, origin_of
 
-EXAMPLE = "example.npz"
 METHODS = {"xyz_nn": "thesis network", "evidence": "ours (evidence)"}  # those shown side by side, and their words
 COLORS = {"nn-raw": GREY, "rule": VERMILLION, "network": ORANGE, "evidence": BLUE}  # of methods, in every figure
 BY_METHOD = tuple((method, condition) for method in METHODS for condition in CONDITIONS)  # rows of a `grid`
 MOST = 25_000  # points of one cloud in a panel
 COLUMNS = tuple((scenario, condition) for scenario in SCENARIOS for condition in CONDITIONS)
+SCANS = {"DT scan": BLUE, "robot scan (where colours mix, both see the same)": ORANGE}
 Place = tuple[float, float, float, float]  # left, bottom, width, height as shares of a figure
-
-
-class Example(NamedTuple):
-    """One test scene as one model sees it, after filter and voxels."""
-
-    points: np.ndarray  # (N, 3) float32 [m] of the judged scan: the DT scan for removed objects, else the robot scan
-    distance: np.ndarray  # (N,) [m] to the other scan
-    heuristic: np.ndarray  # (N,) bool, the thesis's labels
-    true: np.ndarray  # (N,) bool, the simulator's
-    testable: np.ndarray  # (N,) bool: some ray could tell; a changed point that is not is scored by nobody
-    evidence: np.ndarray  # (N, F) columns as evidence.FEATURES
-    score: dict[str, np.ndarray]  # (N,) by method; nn-raw is a distance [m], others are probabilities
-    dt: np.ndarray  # (M, 3) both scans
-    robot: np.ndarray  # (K, 3)
-    room: int  # number of the room, or of the view
-    place: str  # "" for rooms, else the building
-
-    def fraction(self, name: str) -> np.ndarray:
-        """(N,) share of the rays in a point's footprint that are `through`, `support`, `blocked` or `unseen`."""
-        return self.evidence[:, FEATURES.index(name)]
-
-    def scored(self, method: str) -> ScoredCloud:
-        """The points that count on true labels, as the figures of a room want them."""
-        counts = ~self.true | self.testable
-        name = "distance [m]" if method == "nn-raw" else "probability"
-        return ScoredCloud(self.points[counts], self.score[method][counts], self.true[counts], name)
-
-
-def example_of(run: Path, scenes: str, scenario: str) -> Example:
-    """The example of a set of scenes (paper_rows.TestScenes.name) as one scenario's model sees it.
-
-    Raises:
-        InputError: the run has none: not made yet, or no scene showed enough of the change.
-    """
-    path = run / STAGES / "rooms" / scenes / EXAMPLE
-    if not path.is_file():
-        raise InputError(
-            f"{path}: expected the example of a run of the paper; jaxmm reproduce configs/paper.toml makes it"
-        )
-    arrays = load_arrays(path)
-    own = {
-        name.removeprefix(f"{scenario}/"): value for name, value in arrays.items() if name.startswith(f"{scenario}/")
-    }
-    score = {name.removeprefix("score "): value for name, value in own.items() if name.startswith("score ")}
-    fields = {name: own[name] for name in ("points", "distance", "heuristic", "true", "testable", "evidence")}
-    return Example(
-        **fields, score=score, dt=arrays["dt"], robot=arrays["robot"], room=int(arrays["room"]),
-        place=str(arrays["place"]),
-    )  # fmt: skip
-
-
-def training_curves(run: Path, training: str) -> Curves:
-    """How the four thesis networks of one training (key of paper_rows.TRAININGS) learned, out of the joint training.
-
-    Raises:
-        InputError: the run holds no records of its training yet.
-    """
-    folder = stage_folder(run, MODELS)
-    entries = load_json(folder / ENTRIES)
-    curves = curves_from_records(runs.read_records(folder), "joint", entries)
-    own = [entries.index(f"{training}/{scenario}") for scenario in SCENARIOS]
-    values = {name: value[:, own] for name, value in curves._asdict().items() if np.ndim(value) == 2}
-    return curves._replace(scenarios=SCENARIOS, **values)
-
-
-class RawScan(NamedTuple):
-    """All returns of one scan, nothing filtered or thinned."""
-
-    points: np.ndarray  # (N, 3) float32 [m]
-    element: np.ndarray  # (N,) int32, the object that a point was measured on
-    semantic: np.ndarray  # (N,) uint8, see scenes
-    changed: np.ndarray  # (N,) bool: of an object that was added, or will be found removed
-
-
-class RawPair(NamedTuple):
-    """Both scans of one generated room."""
-
-    dt: RawScan
-    robot: RawScan
-    pairs: Pairs  # R = 1
-    config: Config
-
-
-def raw_pair(run: Path, scenario: str, condition: str, room: int) -> RawPair:
-    """Scan a test room of a run again: the same rays, before anything was done to them."""
-    config = runs.read_config(run)
-    if config.preprocess.evidence != "none":
-        config = dataclasses.replace(config, preprocess=dataclasses.replace(config.preprocess, evidence="none"))
-    source = CloudSource(scenario, scenario, condition, config.data.test_seed)
-    pairs = pairs_of(config, source, np.array([room]))
-    scans = []
-    for scan, changed in ((pairs.dt, pairs.changed_dt), (pairs.robot, pairs.changed_robot)):
-        back = np.isfinite(scan.distance[0])
-        points = points_of(pairs.pose, pairs.directions, scan.distance)[0, back]
-        scans.append(RawScan(points, scan.element[0, back], scan.semantic[0, back], changed[0, back]))
-    return RawPair(*scans, pairs, config)
 
 
 def titled(scenario: str, condition: str) -> str:
@@ -192,6 +86,35 @@ def dots(axes: Axes3D, points: np.ndarray, color: str | np.ndarray, shown: np.nd
     axes.scatter(*points.T, **({"c": color} | look | style))
 
 
+def draw_both(figure: Figure, place: Place, dt: np.ndarray, robot: np.ndarray, **style: Any) -> Axes3D:
+    """Two scans on each other, in the colours of SCANS.
+
+    Args:
+        figure: to draw on.
+        place: of the panel.
+        dt: (N, 3) points [m], or (N, 4) with a last column that is not 0 where a point must be seen well.
+        robot: (M, 3) or (M, 4), as many columns.
+        style: of the dots.
+    """
+    rows, color = mixed(dict(zip(SCANS.values(), (dt, robot), strict=True)))
+    axes, shown = room_panel(figure, place, rows[:, :3], rows[:, 3:].any(axis=1))
+    dots(axes, rows[shown, :3], color[shown], shown, **style)
+    return axes
+
+
+def draw_training(run: Path, path: Path, curves: Callable[..., Figure], what: str) -> Figure:
+    """How the networks behind the individual models of Table I learned, one panel a scenario.
+
+    Args:
+        run: run folder.
+        path: image to write.
+        curves: `loss_curves` or `validation_curves` of jaxmm.figures.
+        what: they show.
+    """
+    title = f"{what} of the thesis networks (coordinates and distance, augmented)"
+    return curves(training_curves(run, "xyz_nn"), path, title)
+
+
 def key(figure: Figure, colors: Mapping[str, str], **style: Any) -> None:
     """A legend below all panels: a dot of each colour by what it means."""
     look = {"marker": "o", "linestyle": "", "markersize": 8}
@@ -226,12 +149,14 @@ def inside(place: Place, left: float = 0.02, bottom: float = 0.02, right: float 
 
 
 def command(doc: str, draw: Callable[[Path, Path], Figure]) -> None:
-    """Run a script: RUN --out FILE; what is missing is one line."""
+    """Run a script: RUN --out FILE; what is missing is one line. The image says which run it shows."""
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder of jaxmm reproduce configs/paper.toml")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="image to write: .png, .pdf or .svg")
     asked = parser.parse_args()
     try:
+        origin = origin_of(asked.run)
         draw(asked.run, asked.out)
+        mark(asked.out, origin)
     except (InputError, ValueError) as error:
         parser.exit(2, f"error: {error}\n")

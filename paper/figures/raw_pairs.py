@@ -8,20 +8,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxmm.figures import BLUE, ORANGE, save, styled
-from paper.figures.panels import (
-    Place,
-    command,
-    dots,
-    example_of,
-    inside,
-    key,
-    mixed,
-    page,
-    raw_pair,
-    room_panel,
-    titled,
-)
+from jaxmm.figures import save, styled
+from paper.figures.examples import example_of, raw_pair
+from paper.figures.panels import SCANS, Place, command, draw_both, inside, key, page, titled
 
 
 @styled
@@ -31,17 +20,12 @@ def draw(run: Path, path: Path) -> Figure:
     def panel(figure: Figure, place: Place, scenario: str, condition: str) -> None:
         room = example_of(run, f"{scenario}_{condition}", scenario).room
         pair = raw_pair(run, scenario, condition, room)
-        both = {
-            color: np.column_stack([scan.points, scan.changed])
-            for color, scan in ((BLUE, pair.dt), (ORANGE, pair.robot))
-        }
-        rows, color = mixed(both)
-        axes, shown = room_panel(figure, inside(place), rows[:, :3], rows[:, 3] > 0)
-        dots(axes, rows[shown, :3], color[shown], shown, s=2.5)
+        dt, robot = (np.column_stack([scan.points, scan.changed]) for scan in (pair.dt, pair.robot))
+        axes = draw_both(figure, inside(place), dt, robot, s=2.5)
         axes.set_title(f"{titled(scenario, condition)}\ntest room {room}")
 
     figure = page("A raw pair: scan of the prior and scan of reality", panel)
-    key(figure, {"DT scan": BLUE, "robot scan (where colours mix, both see the same)": ORANGE})
+    key(figure, SCANS)
     return save(figure, path)
 
 

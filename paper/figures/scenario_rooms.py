@@ -13,7 +13,8 @@ from matplotlib.patches import Patch
 from jaxmm.figures import BLACK, save, styled
 from jaxmm.runs import read_config
 from jaxmm.simulator import CloudSource, pair_config
-from paper.figures.panels import Place, command, example_of, inside, page, titled
+from paper.figures.examples import example_of
+from paper.figures.panels import Place, command, inside, page, titled
 from paper.floor_plan import CHANGE_FILL, FURNITURE_FILL, STRUCTURE_FILL, VIEW, draw_floor_plan
 from warp_scanner.scenarios import make_scenes
 

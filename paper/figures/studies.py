@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from jaxmm.figures import save, styled
 from jaxmm.files import load_json
+from paper.figures.origin import made
 from paper.figures.panels import COLORS, command
 
 STUDIES = {  # study: (title, label of x, logarithmic)
@@ -35,7 +36,7 @@ LOOKS = {
 @styled
 def draw(run: Path, path: Path) -> Figure:
     """A column a study; whiskers reach from the worst scenario to the best."""
-    rows = load_json(run / "studies.json")["rows"]
+    rows = load_json(made(run / "studies.json"))["rows"]
     shown = [name for name in STUDIES if any(row["study"] == name for row in rows)]
     figure = Figure((3.6 * len(shown), 7.0), layout="constrained")
     grid = figure.subplots(len(METRICS), len(shown), squeeze=False, sharex="col")

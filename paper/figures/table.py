@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from jaxmm.figures import BLACK, save, styled
 from jaxmm.files import load_json
 from jaxmm.paper_rows import SECTIONS
+from paper.figures.origin import made
 from paper.figures.panels import COLORS, command
 
 METRIC = "precision_at_95"
@@ -30,7 +31,7 @@ FIRST = "generated rooms"  # of several sources of a section, the one that every
 @styled
 def draw(run: Path, path: Path) -> Figure:
     """A line a row; marks that lie at 1 are right at the edge of the axes."""
-    rows = [row for row in load_json(run / "table_1.json")["rows"] if row["label_kind"] == "true"]
+    rows = [row for row in load_json(made(run / "table_1.json"))["rows"] if row["label_kind"] == "true"]
     parts = [
         (section, source, [row for row in rows if (row["section"], row["source"]) == (section, source)])
         for section, source in sorted(
@@ -47,8 +48,9 @@ def draw(run: Path, path: Path) -> Figure:
         if own:
             _column(column, own)
     figure.suptitle("Table I: precision at 95 % recall, true labels, mean over test scenes with its 95 % interval")
-    handles = figure.subfigs[0].axes[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=len(LOOKS))
+    known = dict(zip(*reversed(figure.subfigs[0].axes[0].get_legend_handles_labels()), strict=True))
+    shown = [known[name] for name, *_ in LOOKS.values() if name in known]  # from above, as in every row
+    figure.legend(handles=shown, loc="outside lower center", ncols=len(LOOKS))
     return save(figure, path)
 
 

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 from jaxmm.figures import BLACK, PALE, save, styled
 from jaxmm.room_figures import ScoredCloud
-from paper.figures.panels import BY_METHOD, METHODS, Place, command, example_of, grid, inside, titled
+from paper.figures.examples import example_of
+from paper.figures.panels import BY_METHOD, METHODS, Place, command, grid, inside, titled
 
 THRESHOLDS = np.linspace(0.0, 1.0, 201)[1:]  # at 0 every point would be called changed
 

@@ -7,15 +7,13 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from jaxmm.figures import styled, validation_curves
-from paper.figures.panels import command, training_curves
+from jaxmm.figures import validation_curves
+from paper.figures.panels import command, draw_training
 
 
-@styled
 def draw(run: Path, path: Path) -> Figure:
     """One panel a scenario; a precision is missing where nothing was called changed."""
-    title = "Validation of the thesis networks (coordinates and distance, augmented)"
-    return validation_curves(training_curves(run, "xyz_nn"), path, title)
+    return draw_training(run, path, validation_curves, "Validation")
 
 
 if __name__ == "__main__":

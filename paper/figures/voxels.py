@@ -5,24 +5,12 @@ python -m paper.figures.voxels runs/paper --out voxels.png
 
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
-from jaxmm.figures import BLUE, ORANGE, save, styled
+from jaxmm.figures import save, styled
 from jaxmm.runs import read_config
-from paper.figures.panels import (
-    Place,
-    command,
-    dots,
-    example_of,
-    inside,
-    key,
-    mixed,
-    page,
-    raw_pair,
-    room_panel,
-    titled,
-)
+from paper.figures.examples import example_of, raw_pair
+from paper.figures.panels import SCANS, Place, command, draw_both, inside, key, page, titled
 
 
 @styled
@@ -32,9 +20,7 @@ def draw(run: Path, path: Path) -> Figure:
     def panel(figure: Figure, place: Place, scenario: str, condition: str) -> None:
         example = example_of(run, f"{scenario}_{condition}", scenario)
         pair = raw_pair(run, scenario, condition, example.room)
-        points, color = mixed({BLUE: example.dt, ORANGE: example.robot})
-        axes, shown = room_panel(figure, inside(place, top=0.14), points, np.zeros(len(points), bool))
-        dots(axes, points[shown], color[shown], shown)
+        axes = draw_both(figure, inside(place, top=0.14), example.dt, example.robot)
         counts = [
             f"{name} {len(before.points):,} → {len(after):,} points"
             for name, before, after in (("DT", pair.dt, example.dt), ("robot", pair.robot, example.robot))
@@ -43,7 +29,7 @@ def draw(run: Path, path: Path) -> Figure:
 
     edge = 100 * read_config(run).preprocess.voxel_size
     figure = page(f"After the object filter, one point in every voxel of {edge:g} cm", panel)
-    key(figure, {"DT scan": BLUE, "robot scan (where colours mix, both see the same)": ORANGE})
+    key(figure, SCANS)
     return save(figure, path)
 
 
