@@ -39,7 +39,7 @@ class BoxSettings:
     """
 
     threshold: float = 0.6  # a point counts as changed from this probability on
-    floor_percentile: float = 1.0  # of z over the whole cloud
+    floor_percentile: float = 1.0  # of z over the whole cloud, where nothing else tells floor and ceiling
     ceiling_percentile: float = 99.0
     trim_z: bool = True  # drop changed points on floor and ceiling
     trim_when: Literal["before", "after"] = "before"  # clustering; after it, what they hold together stays one cluster
