@@ -12,9 +12,10 @@ from jaxmm.bcf import write_bcf
 WHEN = datetime(2024, 2, 29, 12, 30, 15, tzinfo=UTC)
 
 
-def moved_case(folder):
+@pytest.fixture(scope="module")
+def moved(tmp_path_factory):
     """A detection of a removed wall, a removed pillar, and that pillar added elsewhere."""
-    detection = true_case(folder).detection
+    detection = true_case(tmp_path_factory.mktemp("case")).detection
     wall, pillar = sorted(detection.mismatches, key=lambda one: one.object_type != "wall")
     again = pillar._replace(
         mismatch_type="added", center=pillar.center + np.array([1.5, -2.0, 0.0]), rotation=30.0, element=None,
@@ -23,15 +24,17 @@ def moved_case(folder):
     return detection._replace(mismatches=(wall, pillar, again))
 
 
-def write_case(folder, moved):
+@pytest.fixture(scope="module")
+def written(moved, tmp_path_factory):
     """The file of that detection."""
-    path = folder / "mismatches.bcf"
+    path = tmp_path_factory.mktemp("bcf") / "mismatches.bcf"
     write_bcf(path, moved, "Tower & annex", WHEN)
     return path
 
 
-def reading():
-    """A fixture: reads a file with bcf-client, and closes it after the test."""
+@pytest.fixture
+def opened():
+    """Reads a file with bcf-client, and closes it after the test."""
     reader = pytest.importorskip("bcf.v3.bcfxml").BcfXml
     held = []
 

@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
 import pytest
-from bcf_case import WHEN, by_index, content_of, moved_case, only, reading, write_case
+from bcf_case import WHEN, by_index, content_of, only
 from bcf_schema import check_schema
 
 from jaxmm.bcf import AUTHOR, write_bcf
@@ -17,17 +17,7 @@ from jaxmm.report import PriorFile
 from jaxmm.topics import topics_of
 
 HOSTILE = "a\x00\x0b<b & \"c\" 'd' ]]> \ud800\uffff ü 柱 \U0001f9f1\r\n\te " + "x" * 5000
-opened = pytest.fixture(reading)
-
-
-@pytest.fixture(scope="module")
-def moved(tmp_path_factory):
-    return moved_case(tmp_path_factory.mktemp("case"))
-
-
-@pytest.fixture(scope="module")
-def written(moved, tmp_path_factory):
-    return write_case(tmp_path_factory.mktemp("bcf"), moved)
+pytest_plugins = ["bcf_case"]  # its fixtures: moved, written, opened
 
 
 def test_file_is_valid(written):

@@ -4,7 +4,7 @@ import io
 
 import numpy as np
 import pytest
-from bcf_case import by_index, content_of, moved_case, only, reading, write_case
+from bcf_case import by_index, content_of, only
 from PIL import Image
 
 from jaxmm.bcf import write_bcf
@@ -12,17 +12,7 @@ from jaxmm.report import Mismatch
 from jaxmm.snapshots import EDGES, best_scan, camera_at, corners_of, snapshot
 from jaxmm.topics import global_id
 
-opened = pytest.fixture(reading)
-
-
-@pytest.fixture(scope="module")
-def moved(tmp_path_factory):
-    return moved_case(tmp_path_factory.mktemp("case"))
-
-
-@pytest.fixture(scope="module")
-def written(moved, tmp_path_factory):
-    return write_case(tmp_path_factory.mktemp("bcf"), moved)
+pytest_plugins = ["bcf_case"]  # its fixtures: moved, written, opened
 
 
 def vector(entry):

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from box_building import building_of
 
 from jaxmm.building_sighting import levels_of
 from jaxmm.scan_rays import ScanRays
-from warp_scanner.room_buildings import building_of_room
-from warp_scanner.scenes import BOX, CEILING, FLOOR, TABLE, WALL, Primitives
+from warp_scanner.scenes import CEILING, FLOOR, TABLE, WALL
 from warp_scanner.triangles import prepare
 
 FLOOR_AND_CEILING = (((0, 0, -0.1), (5, 4, 0.1), FLOOR), ((0, 0, 3.1), (5, 4, 0.1), CEILING))
@@ -22,17 +22,10 @@ STAIR_HOLE = (((-2.7, 0, -0.1), (2.3, 4, 0.1), FLOOR), ((2.7, 0, -0.1), (2.3, 4,
 
 def levels_at(place, *boxes) -> tuple[float, float]:
     """Of a building of boxes, each with its middle [m], half its edges and its class."""
-    center, half, semantic = (np.array(values) for values in zip(*boxes, strict=True))
-    count = len(boxes)
-    table = Primitives(
-        np.full((1, count), BOX, np.uint8), center[None].astype(np.float32), half[None].astype(np.float32),
-        np.zeros((1, count), np.float32), np.arange(count, dtype=np.int32)[None], semantic[None].astype(np.uint8),
-    )  # fmt: skip
-    building, _ = building_of_room(table, 0)
     nothing = np.zeros((0, 3), np.float32)
     rays = ScanRays(np.array(place, np.float64), nothing, np.zeros(0, np.float32), 0, nothing, 0.01, 100.0)
     measured = np.column_stack([np.zeros(101), np.zeros(101), np.linspace(0.3, 2.6, 101)])
-    return levels_of(prepare(building.triangles), rays, measured)
+    return levels_of(prepare(building_of(boxes).triangles), rays, measured)
 
 
 @pytest.mark.parametrize(

@@ -4,15 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+from box_building import building_of
 
 from jaxmm import next_view
 from jaxmm.next_view import GAP, REACH, Stage, Stand, next_views, stand_of
 from jaxmm.scan_rays import PosedScan, rays_of_scan
 from warp_scanner.building_poses import element_around
 from warp_scanner.poses import rotation_of
-from warp_scanner.room_buildings import building_of_room
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import BOX, CEILING, FLOOR, PILLAR, WALL, Primitives
+from warp_scanner.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.sensors import OAK_D_PRO_SMALL, VELODYNE_16, Pinhole
 from warp_scanner.triangles import cast_triangles, clearance, prepare
 
@@ -23,17 +23,6 @@ NOTHING = np.zeros((0, 3), np.float32)
 HALL = (((0, 0, -0.05), (5, 3, 0.05), FLOOR), ((0, 0, 3.05), (5, 3, 0.05), CEILING))
 HIDDEN = ((3, 0, 1.5), (0.3, 0.3, 1.5), PILLAR)
 SCREEN = ((0, 0, 1.5), (0.1, 1.5, 1.5), WALL)
-
-
-def building_of(boxes):
-    """Boxes (center, half size, semantic), each an element of that number."""
-    center, half, semantic = (np.array(values) for values in zip(*boxes, strict=True))
-    count = len(boxes)
-    table = Primitives(
-        np.full((1, count), BOX, np.uint8), center[None].astype(np.float32), half[None].astype(np.float32),
-        np.zeros((1, count), np.float32), np.arange(count, dtype=np.int32)[None], semantic[None].astype(np.uint8),
-    )  # fmt: skip
-    return building_of_room(table, 0)[0]
 
 
 def stage(boxes=(*HALL, HIDDEN, SCREEN), stands=FIRST, obstacles=NOTHING):

@@ -178,6 +178,7 @@ def test_overlapping_seeds_are_one_line(tmp_path, refused):
     path = tmp_path / "paper.toml"
     path.write_text('[data]\ntest_seed = 2\n[preprocess]\nevidence = "exact"\n[paper]\nrows = "all"\n')
     refused(["reproduce", path, "--out", tmp_path / "run"], "seeds must differ", "(1, 2, 2)")
+    assert not (tmp_path / "run").exists()
 
 
 def test_damaged_models_are_told_in_one_line(finished, config, tmp_path):
@@ -191,4 +192,6 @@ def test_damaged_models_are_told_in_one_line(finished, config, tmp_path):
 
 def test_a_run_of_another_kind_is_refused(finished, request, refused):
     config = request.config.rootpath / "configs" / "smoke.toml"
+    before = {path: path.stat().st_mtime_ns for path in finished.rglob("*") if path.name != ".lock"}
     refused(["reproduce", config, "--out", finished], "other settings")
+    assert before == {path: path.stat().st_mtime_ns for path in finished.rglob("*") if path.name != ".lock"}

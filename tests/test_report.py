@@ -108,7 +108,8 @@ def test_the_schema_is_one_and_takes_a_true_report(true_report):
 def test_every_detection_gives_a_valid_report():
     validator = jsonschema.Draft202012Validator(SCHEMA)
     for seed in range(300):
-        validator.validate(json.loads(json.dumps(to_json(random_detection(seed)), allow_nan=False)))
+        report = json.loads(json.dumps(to_json(random_detection(seed)), allow_nan=False))
+        assert [error.message for error in validator.iter_errors(report)] == []
 
 
 def test_the_report_says_the_numbers_of_the_detection():

@@ -147,7 +147,7 @@ def test_another_number_of_cores_is_refused_where_it_matters(tmp_path, monkeypat
     monkeypatch.setattr(runs.os, "cpu_count", lambda: 96)
     refused(lambda: runs.open_run(tmp_path, CONFIG).__enter__(), tmp_path, "other threads")
     with runs.open_run(tmp_path, CONFIG, threads_matter=False):
-        pass
+        assert runs.read_config(tmp_path) == CONFIG
 
 
 def test_a_mistake_that_is_put_right_is_not_another_run(tmp_path):
@@ -197,6 +197,7 @@ def test_what_is_no_run_folder_is_refused(tmp_path):
     refused(lambda: runs.read_config(tmp_path), tmp_path / "config.toml", "not UTF-8")
     (tmp_path / "config.toml").write_text("[tool]\nx = 1\n")
     refused(lambda: runs.read_config(tmp_path), tmp_path / "config.toml", "unknown tool")
+    assert names(tmp_path) == ["config.toml"]
 
 
 @pytest.fixture(scope="module")

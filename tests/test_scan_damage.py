@@ -71,7 +71,7 @@ def test_another_format_under_the_ending_is_refused(tmp_path, valid):
             and ending not in endings.get(file.ending, ())
             and not {ending, file.ending} <= {*text}
         ):
-            refusal(tmp_path / f"a{ending}", file.data)
+            assert f"a{ending}" in refusal(tmp_path / f"a{ending}", file.data)
 
 
 @pytest.mark.parametrize(

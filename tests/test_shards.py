@@ -238,6 +238,7 @@ def test_no_byte_of_a_shard_changes_unnoticed(raw_shard, tmp_path):
 def test_a_whole_file_of_other_fields_is_refused(tmp_path):
     arrays = {"points": np.zeros((2, 3), np.float32)}
     entry = written(tmp_path, shards.encode(arrays), False)
+    assert shards.damage_of(tmp_path, 0, entry, thorough=True) is None  # whole, as its size and sum say
     refused(lambda: shards.map_shard(tmp_path, 0, entry, False), "fields", "index")
 
 
@@ -277,6 +278,7 @@ def test_a_manifest_comes_back_as_it_went_whatever_the_order_of_its_shards(tmp_p
 def test_a_damaged_or_foreign_manifest_is_refused(change, word, tmp_path):
     path = tmp_path / "manifest.json"
     shards.write_manifest(tmp_path, listed(0))
+    assert shards.read_manifest(tmp_path) == listed(0)
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     refused(lambda: shards.read_manifest(tmp_path), path, word)
     path.write_text("[1")

@@ -163,6 +163,7 @@ def test_what_is_no_repository_is_refused(tmp_path, repository):
 
 def test_incomplete_pairs_are_refused(repository):
     (pair,) = thesis.find_pairs(repository)
+    assert len(thesis.read_pair(pair).points) == 40
     np.save(pair.labels, np.zeros(39))
     refused(lambda: thesis.read_pair(pair), str(pair.labels), "40 labels", "(39,)")
     pair.labels.unlink()
@@ -178,6 +179,8 @@ def test_a_csv_of_other_points_is_refused(repository):
     refused(lambda: thesis.read_pair(pair), str(pair.elements), "40 points", "got 39")
     write_csv(pair.elements, points[::-1], np.ones(40, int))
     refused(lambda: thesis.read_pair(pair), str(pair.elements), "point 0 lies")
+    write_csv(pair.elements, points, np.ones(40, int))
+    np.testing.assert_array_equal(thesis.read_pair(pair).points, points)
 
 
 def test_weights_are_found_wherever_they_lie(tmp_path):

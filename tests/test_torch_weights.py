@@ -173,6 +173,7 @@ def test_files_that_are_no_archive_are_refused(tmp_path):
     refuses(tmp_path / "a.zip", "data.pkl")
     refuses(write_archive(tmp_path / "b.pth", {}, {}), "dict of tensors")
     refuses(write_archive(tmp_path / "c.pth", {"x": Rebuild()}, {"0": np.full(6, np.nan, "<f4").tobytes()}), "NaN")
+    assert list(read_state_dict(write_archive(tmp_path / "d.pth", {"x": Rebuild()}, {"0": NUMBERS}))) == ["x"]
 
 
 def test_compressed_bombs_are_refused_before_they_unfold(tmp_path):
@@ -192,6 +193,8 @@ def test_every_truncation_is_refused(tmp_path, sound):
     for length in range(len(sound)):
         (tmp_path / "a.pth").write_bytes(sound[:length])
         refuses(tmp_path / "a.pth")
+    (tmp_path / "a.pth").write_bytes(sound)
+    assert list(read_state_dict(tmp_path / "a.pth")) == ["x"]
 
 
 def test_damaged_bytes_give_the_tensor_or_a_refusal(tmp_path, sound):
