@@ -35,11 +35,13 @@ setup: .venv/current
 setup-peers: setup
 	$(PIP) install -c requirements.lock -e '.[peers]'
 
-# The default models, from nothing: 20 minutes. The run folder holds how they came about.
+# The default models, from nothing: 20 minutes, and what judges objects, which learns from what they say: 30 more.
+# The run folder holds how they came about.
 weights: setup
 	$(BIN)/jaxmm train configs/weights.toml --out runs/weights
 	cp runs/weights/models.safetensors jaxmm/weights/default.safetensors
 	cp runs/weights/calibration.json jaxmm/weights/calibration.json
+	$(BIN)/python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors
 
 lint: setup
 	$(BIN)/ruff check .

@@ -157,8 +157,7 @@ def _judged(
     pillar, wall = (
         predict(pick_model(model, f"{kind}_{change}"), cloud.evidence, config.network) for kind in ("pillar", "wall")
     )
-    added = change == "added"
-    return Judged(cloud.points, pillar, wall, cloud.evidence[:, APART], sensor[None], *extent, None, added)
+    return Judged(cloud.points, pillar, wall, cloud.evidence[:, APART], sensor[None], *extent)
 
 
 def _probable(judged: Judged) -> list[Box]:

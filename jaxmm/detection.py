@@ -55,7 +55,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     looked, told = [], []
     for one, scan in zip(placed, scans, strict=True):
         try:
-            found, says = _looked(prior, rays_of_scan(one.scan), judges)
+            found, says = look_at(prior, rays_of_scan(one.scan), judges)
         except (InputError, ValueError) as error:
             raise InputError(f"{scan.file}: {error}") from error
         looked.append(found)
@@ -95,7 +95,7 @@ def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
         raise InputError(f"{one.file}: {error}") from error
 
 
-def _looked(prior: Prior, rays: ScanRays, judges: Judges) -> tuple[Looked, Told | None]:
+def look_at(prior: Prior, rays: ScanRays, judges: Judges) -> tuple[Looked, Told | None]:
     """Both sides of one scan, judged; and what it tells of each element of a building."""
     if not prior.has_elements:
         compared = compare(prior.cloud, rays)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from sklearn.cluster import DBSCAN
 
 from jaxmm.object_shapes import Circle, Face, circle_through, face_through, faces_of
-from jaxmm.object_sight import Patch, Sight, crossings
+from jaxmm.object_sight import Crossings, Patch, Sight, crossings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,8 +53,15 @@ class Piece(NamedTuple):
         return across if (self.origin[:2] - self.face.center) @ across >= 0.0 else -across
 
 
-def pieces_of(sight: Sight, chosen: np.ndarray, settings: PieceSettings) -> list[Piece]:
-    """Faces and round shafts among the chosen points (n,) int, cluster by cluster."""
+def pieces_of(sight: Sight, chosen: np.ndarray, loose: np.ndarray, settings: PieceSettings) -> list[Piece]:
+    """Faces and round shafts among the chosen points, cluster by cluster.
+
+    Args:
+        sight: of all points.
+        chosen: (n,) int of the probable points.
+        loose: (l,) int of others that are new too, if hardly probable: those that continue a face or a shaft are of it.
+        settings: what is a face, and what is round.
+    """
     pieces: list[Piece] = []
     for number, members in enumerate(_clusters(sight, chosen, settings)):
         places = sight.points[members, :2]
@@ -64,6 +71,8 @@ def pieces_of(sight: Sight, chosen: np.ndarray, settings: PieceSettings) -> list
         if circle is None:
             shapes = [(members[face.members], face._replace(members=members[face.members]), None) for face in faces]
         pieces += [Piece(*shape, number, np.median(sight.origin[shape[0]], axis=0)) for shape in shapes]
+    for index in sorted(range(len(pieces)), key=lambda index: -len(pieces[index].members)):
+        pieces[index], loose = _grown(sight, pieces[index], loose, settings)
     return pieces
 
 
@@ -103,6 +112,32 @@ def _clusters(sight: Sight, chosen: np.ndarray, settings: PieceSettings) -> list
     return [members for members in clusters if len(members) >= settings.least_points]
 
 
+def _grown(sight: Sight, piece: Piece, loose: np.ndarray, settings: PieceSettings) -> tuple[Piece, np.ndarray]:
+    """The piece with the loose points that continue it, and those that are left."""
+    if not len(loose):
+        return piece, loose
+    places = sight.points[loose, :2]
+    if piece.circle is not None:
+        away = np.linalg.norm(places - piece.circle.center, axis=1)
+        on = np.abs(away - piece.circle.radius) <= settings.tolerance
+        return piece._replace(members=np.sort(np.append(piece.members, loose[on]))), loose[~on]
+    face = piece.face
+    near = np.flatnonzero(np.abs((places - face.center) @ face.across) <= settings.tolerance)
+    place, half = (places[near] - face.center) @ face.along, face.length / 2
+    low, high = -_run_end(-place, half, settings.link), _run_end(place, half, settings.link)
+    on = near[(place >= low) & (place <= high)]
+    members = np.sort(np.append(piece.members, loose[on]))
+    grown = piece._replace(members=members, face=face_through(sight.points[:, :2], members))
+    return grown, np.delete(loose, on)
+
+
+def _run_end(place: np.ndarray, end: float, gap: float) -> float:
+    """Where a run that reaches to `end` [m] ends if places (n,) go on from there with no gap wider than `gap`."""
+    steps = np.sort(np.append(end, place[place > end]))
+    wide = np.flatnonzero(np.diff(steps) > gap)
+    return float(steps[wide[0]] if len(wide) else steps[-1])
+
+
 def _round(places: np.ndarray, faces: list[Face], settings: PieceSettings) -> Circle | None:
     """The circle of a cluster (n, 2), if it fits its points clearly better than the three best faces do."""
     if np.linalg.norm(np.ptp(places, axis=0)) > 4.0 * settings.radius[1]:
@@ -124,7 +159,7 @@ def _may_be_upright(sight: Sight, piece: Piece, settings: PieceSettings) -> bool
     low, high = float(z.min()), float(z.max())
     if not settings.least_height <= high - low < settings.furniture_height:
         return high - low >= settings.furniture_height
-    start, end = _front(piece)
+    start, end = front_of(piece)
     for bottom, top in ((high, sight.ceiling), (sight.floor, low)):
         if top - bottom > settings.least_gap:
             patch = Patch(start, end, bottom + settings.rim, top - settings.rim)
@@ -142,7 +177,7 @@ def _is_side_of(sight: Sight, piece: Piece, other: Piece, settings: PieceSetting
     return bool(cKDTree(others[:, :2]).query(points[:, :2])[0].min() <= settings.beside)
 
 
-def _front(piece: Piece) -> tuple[np.ndarray, np.ndarray]:
+def front_of(piece: Piece) -> tuple[np.ndarray, np.ndarray]:
     """Both ends (2,) of what one sees of a piece, drawn in a little: rays past its edges tell nothing."""
     if piece.face is not None:
         start, end = piece.face.ends
@@ -162,13 +197,25 @@ def _is_one(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> bool:
     (low, high), half = np.sort(ends @ a.face.along), a.face.length / 2
     between = (half, low) if low > half else (high, -half)
     gap = between[1] - between[0]
-    if gap <= settings.run_gap or gap > settings.hidden_gap:
-        return bool(gap <= settings.run_gap)
+    if gap <= settings.link or gap > settings.hidden_gap:
+        return bool(gap <= settings.link)
     start, end = (a.face.center + a.face.along * place for place in between)
+    if gap <= settings.run_gap:
+        return bool(between_of(sight, start, end, settings).free <= settings.free)
+    return is_hidden(sight, start, end, settings)
+
+
+def is_hidden(sight: Sight, start: np.ndarray, end: np.ndarray, settings: PieceSettings) -> bool:
+    """Whether something hides the gap between two places (2,) [m], and nobody looks through it."""
+    crossed = between_of(sight, start, end, settings)
+    return crossed.before > 0 and crossed.free < 0.1
+
+
+def between_of(sight: Sight, start: np.ndarray, end: np.ndarray, settings: PieceSettings) -> Crossings:
+    """What rays do that head for the gap between two places (2,) [m], from floor to ceiling."""
     inset = 0.1 * (end - start)
     patch = Patch(start + inset, end - inset, sight.floor + settings.rim, sight.ceiling - settings.rim)
-    crossed = crossings(sight, patch, settings.tolerance)
-    return crossed.before > 0 and crossed.free < 0.1
+    return crossings(sight, patch, settings.tolerance)
 
 
 def _merged(sight: Sight, a: Piece, b: Piece) -> Piece:

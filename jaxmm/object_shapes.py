@@ -111,6 +111,19 @@ def rectangle_along(places: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, 
     return (low + high) / 2 @ axes, high - low
 
 
+def outside(places: np.ndarray, center: np.ndarray, edges: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """How far (n,) [m] places (n, 2) are outside of a rectangle, along the axis on which they are furthest; < 0 inside.
+
+    Args:
+        places: [m].
+        center: (2,) [m].
+        edges: (2,) [m] along `along` and across it.
+        along: (2,) unit vector.
+    """
+    axes = np.stack([along, [-along[1], along[0]]])
+    return (np.abs((places - center) @ axes.T) - edges / 2).max(axis=1)
+
+
 def is_round(vertices: np.ndarray) -> bool:
     """Whether the footprint of an upright solid is a circle, as the corners of its hull in plan tell: eight or more.
 

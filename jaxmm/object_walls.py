@@ -42,6 +42,7 @@ class Solid(NamedTuple):
     edges: np.ndarray  # (2,) [m] along the own axes
     along: np.ndarray  # (2,) unit vector: the first of those
     members: np.ndarray  # (n,) int of the points
+    probability: float = 1.0  # that it is real
 
 
 STEP = 0.1  # [m] in which the line of a face is followed beyond its end

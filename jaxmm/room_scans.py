@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxmm.boxes import Box
-from jaxmm.priors import Prior, prior_of_building
+from jaxmm.priors import Prior, prior_of_building, prior_of_cloud
 from jaxmm.scan_rays import PosedScan
 from warp_scanner.pairs import PRESETS, PairConfig, Pairs, make_pairs
 from warp_scanner.points import points_of
 from warp_scanner.poses import rotation_of
 from warp_scanner.room_buildings import building_of_room
 from warp_scanner.scenes import PILLAR
-from warp_scanner.sensors import OAK_D_PRO_SMALL
+from warp_scanner.sensors import OAK_D_PRO_SMALL, sensor_named
 
 
 class RoomCase(NamedTuple):
@@ -38,9 +38,12 @@ def room_cases(scene: str, condition: str, seed: int, rooms: range, **changed: A
         condition: "clean" or "occluded".
         seed: of the rooms.
         rooms: their numbers.
-        changed: fields of a PairConfig, and `preset`: which of PRESETS has the others, by default "varied".
+        changed: fields of a PairConfig, a sensor by name too, and `preset`: which of PRESETS has the others, by default
+            "varied".
     """
     given = {"sensor": OAK_D_PRO_SMALL} | changed
+    if isinstance(given["sensor"], str):
+        given["sensor"] = sensor_named(given["sensor"])
     settings = dataclasses.replace(
         PRESETS[given.pop("preset", "varied")], scenario=scene, condition=condition, seed=seed, **given
     )
@@ -58,6 +61,14 @@ def cases_of(settings: PairConfig, rooms: range) -> Iterator[RoomCase]:
         place = pairs.pose.position[row].astype(np.float64)
         scan = PosedScan(points[row, back], place, turned[row], settings.sensor)
         yield RoomCase(pairs, row, ids, prior_of_building(building), scan)
+
+
+def as_cloud(case: RoomCase) -> Prior:
+    """The prior of a room as what a scan of it from the same place shows: a cloud without elements."""
+    pairs, row = case.pairs, case.row
+    pose = type(pairs.pose)(*(field[row : row + 1] for field in pairs.pose))
+    distance = pairs.dt.distance[row : row + 1]
+    return prior_of_cloud(points_of(pose, pairs.directions, distance)[np.isfinite(distance)].astype(np.float64))
 
 
 def true_boxes(pairs: Pairs, row: int, sign: int) -> tuple[list[Box], list[float]]:

@@ -5,7 +5,7 @@ import pytest
 
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, _looked, detect_scans
+from jaxmm.detection import NamedScan, detect_scans, look_at
 from jaxmm.mismatches import _linked, mismatches_of
 from jaxmm.report import Mismatch
 from jaxmm.room_scans import room_cases, true_boxes
@@ -66,7 +66,7 @@ def raised(looked, by):
 
 def test_every_storey_has_a_floor_and_a_ceiling_of_its_own():
     (case,) = room_cases("pillar_added", "clean", 22, range(1), preset="thesis")
-    looked, _ = _looked(case.prior, rays_of_scan(case.scan), read_judges(DEFAULT))
+    looked, _ = look_at(case.prior, rays_of_scan(case.scan), read_judges(DEFAULT))
     settings = DetectSettings()
     (alone,) = mismatches_of(case.prior, [looked], None, settings)
     below, above = mismatches_of(case.prior, [looked, raised(looked, 3.4)], None, settings)
@@ -79,7 +79,7 @@ def test_every_storey_has_a_floor_and_a_ceiling_of_its_own():
 def test_what_is_less_probable_than_asked_for_is_left_out():
     """In this room some furniture might be a new pillar, beside the one that is."""
     (case,) = room_cases("pillar_added", "occluded", 22, range(10, 11))
-    looked, _ = _looked(case.prior, rays_of_scan(case.scan), read_judges(DEFAULT))
+    looked, _ = look_at(case.prior, rays_of_scan(case.scan), read_judges(DEFAULT))
     told = [
         [one.probability for one in mismatches_of(case.prior, [looked], [], DetectSettings(least_probability=least))]
         for least in (0.0, 0.5, 1.0)

@@ -1,0 +1,170 @@
+"""What tells a pillar, a wall and neither apart: the clues, the trees that weigh them, and how they were grown."""
+
+import numpy as np
+import pytest
+import safetensors.numpy
+from sklearn.ensemble import GradientBoostingClassifier
+
+from jaxmm import object_training
+from jaxmm.boxes import Box
+from jaxmm.inputs import InputError
+from jaxmm.object_candidates import CLUES, Opinions, candidates_of, clues_of, grid_of
+from jaxmm.object_judge import DEFAULT, KINDS, default_judge, judge_objects, load_judge, save_judge
+from jaxmm.object_pieces import Piece
+from jaxmm.object_shapes import Circle, face_through, outside
+from jaxmm.object_sight import Sight
+from jaxmm.object_solids import SolidSettings
+from jaxmm.object_training import DEPTH, RATE, ROUNDS, Examples, examples_of_draw, fit, kind_of
+
+
+@pytest.fixture(scope="module")
+def examples():
+    """Kinds that go by two clues, one of them at random for a tenth."""
+    rng = np.random.default_rng(0)
+    clues = rng.normal(size=(900, len(CLUES)))
+    kind = np.where(clues[:, 3] > 0.5, 0, np.where(clues[:, 7] > 0.0, 1, 2))
+    return Examples(clues, np.where(rng.random(900) < 0.1, rng.integers(0, 3, 900), kind))
+
+
+def test_the_arrays_say_what_the_trees_say_that_they_were_made_of(examples):
+    judge = fit(examples)
+    witness = GradientBoostingClassifier(
+        n_estimators=ROUNDS, learning_rate=RATE, max_depth=DEPTH, subsample=0.5, max_features=6, min_samples_leaf=8,
+        random_state=0,
+    ).fit(examples.clues.astype(np.float32), examples.kind)  # fmt: skip
+    new = np.random.default_rng(1).normal(size=(4000, len(CLUES)))
+    np.testing.assert_allclose(judge_objects(judge, new), witness.predict_proba(new.astype(np.float32)), atol=1e-6)
+    # A clue that equals a limit goes on to the same side in both.
+    limits = judge.limit[np.isfinite(judge.limit)]
+    edge = np.repeat(new[:1], len(limits), axis=0)
+    edge[np.arange(len(limits)), judge.clue[np.isfinite(judge.limit)]] = limits
+    np.testing.assert_allclose(judge_objects(judge, edge), witness.predict_proba(edge.astype(np.float32)), atol=1e-6)
+
+
+def test_probabilities_sum_to_one_and_follow_what_was_learnt(examples):
+    share = judge_objects(fit(examples), examples.clues)
+    assert share.shape == (900, len(KINDS))
+    np.testing.assert_allclose(share.sum(axis=1), 1.0)
+    assert np.mean(share.argmax(axis=1) == examples.kind) > 0.85
+    assert judge_objects(default_judge(), np.zeros((0, len(CLUES)))).shape == (0, len(KINDS))
+
+
+def test_a_judge_comes_back_as_it_was_saved(examples, tmp_path):
+    judge, path = fit(examples), tmp_path / "objects.safetensors"
+    save_judge(judge, path, {"rooms": "0"})
+    for kept, back in zip(judge, load_judge(path), strict=True):
+        np.testing.assert_array_equal(kept, back)
+        assert kept.dtype == back.dtype
+
+
+@pytest.mark.parametrize("wrong", ["empty", "cut", "other clues", "other tensors"])
+def test_a_file_that_holds_no_judge_is_refused_in_one_line(wrong, tmp_path):
+    path, whole = tmp_path / "objects.safetensors", DEFAULT.read_bytes()
+    judge = load_judge(DEFAULT)
+    path.write_bytes(
+        {
+            "empty": b"", "cut": whole[: len(whole) // 2],
+            "other clues": safetensors.numpy.save(judge._asdict(), {"clues": "length width"}),
+            "other tensors": safetensors.numpy.save({"start": judge.start}, {"clues": " ".join(CLUES)}),
+        }[wrong]
+    )  # fmt: skip
+    with pytest.raises(InputError, match=str(path)) as refused:
+        load_judge(path)
+    assert "\n" not in str(refused.value)
+
+
+def test_the_shipped_judge_tells_a_wall_from_a_pillar_from_a_cabinet():
+    """Each as its clues are where nothing is in doubt."""
+
+    def clues(**told):
+        usual = {
+            "span": told["length"], "pieces": 1, "points": np.log(200), "pillar": 1.0, "wall": 1.0, "top": 2.9,
+            "bottom": 0.1, "left": 0.1, "range": 3.0, "slant": 0.2, "apart": 1.0,
+        }  # fmt: skip
+        return [float((usual | told).get(name, 0.0)) for name in CLUES]
+
+    share = judge_objects(default_judge(), np.array([
+        clues(length=3.0, wall=3.0, pillar=-1.0),
+        clues(length=0.6, side=0.6, span=0.6, pieces=2, off_grid=35.0, wall=-1.0, pillar=3.0),
+        clues(length=0.9, top=0.8, bottom=0.3, left=2.2, wall=-1.0, pillar=-1.0, apart=0.3, points=np.log(30), range=2),
+    ]))  # fmt: skip
+    assert [KINDS[one] for one in share.argmax(axis=1)] == ["wall", "pillar", "nothing"]
+
+
+def seen_from(points, members, sensor=(0.0, 0.0, 1.4)):
+    """A face through some points, and the sight of all."""
+    face = face_through(points[:, :2], members)
+    return Piece(members, face, None, 0, np.array(sensor)), Sight(points, np.tile(sensor, (len(points), 1)), 0.0, 3.0)
+
+
+def test_clues_of_a_face_are_its_length_height_distance_and_angles():
+    rng = np.random.default_rng(2)
+    points = np.column_stack([np.full(50, 2.0), np.linspace(-0.5, 0.5, 50), rng.permutation(np.linspace(0.2, 1.7, 50))])
+    piece, sight = seen_from(points, np.arange(50))
+    opinions = Opinions(np.full(50, 0.5), np.full(50, 0.9), np.repeat([0.05, 0.6], 25))
+    (one,) = candidates_of(sight, [piece], SolidSettings())
+    told = dict(zip(CLUES, clues_of(sight, one, opinions, np.radians(20.0), SolidSettings()), strict=True))
+    expected = {
+        "round": 0, "length": 1.0, "span": 1.0, "side": 0, "pieces": 1, "points": np.log(50), "pillar": 0,
+        "wall": np.log(9), "top": 1.7, "bottom": 0.2, "left": 1.3, "range": 2.0, "slant": 0, "off_grid": 20,
+        "onto": 0.5, "arc": 0,
+    }  # fmt: skip
+    assert {name: told[name] for name in expected} == pytest.approx(expected, abs=1e-9)
+    assert told["apart"] in (0.05, 0.325, 0.6)
+
+
+def test_clues_of_a_shaft_are_its_diameter_and_arc():
+    turn = np.linspace(np.pi / 2, 3 * np.pi / 2, 40)
+    points = np.column_stack([2.0 + 0.3 * np.cos(turn), 0.3 * np.sin(turn), np.linspace(0.1, 2.9, 40)])
+    members = np.arange(40)
+    circle = Circle(np.array([2.0, 0.0]), 0.3, np.ones(40, bool), np.pi)
+    piece = Piece(members, None, circle, 0, np.array([0.0, 0.0, 1.4]))
+    sight = Sight(points, np.zeros((40, 3)), 0.0, 3.0)
+    (one,) = candidates_of(sight, [piece], SolidSettings())
+    opinions = Opinions(*np.full((3, 40), 0.5))
+    told = dict(zip(CLUES, clues_of(sight, one, opinions, 0.0, SolidSettings()), strict=True))
+    assert (told["round"], told["length"], told["arc"]) == pytest.approx((1.0, 0.6, np.pi))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 13.0, 45.0, 71.5, 89.0])
+def test_the_grid_is_the_direction_that_walls_run_along(degrees):
+    rng = np.random.default_rng(3)
+    along = rng.uniform(-4, 4, (2000, 1)) * [1, 0] + [0, 3]
+    across = rng.uniform(-3, 3, (1000, 1)) * [0, 1] + [4, 0]
+    places = np.concatenate([along, across, rng.uniform(-4, 4, (800, 2))]) + rng.normal(0, 0.01, (3800, 2))
+    angle = np.radians(degrees)
+    turned = places @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
+    off = (np.degrees(grid_of(turned)) - degrees) % 90.0
+    assert min(off, 90.0 - off) < 0.5
+    assert grid_of(turned) == grid_of(turned[rng.permutation(len(turned))])
+    assert grid_of(np.zeros((0, 2))) == 0.0
+
+
+def test_a_candidate_is_the_object_in_whose_box_most_of_its_points_lie():
+    boxes = [
+        Box("wall", np.array([2.0, 0.0, 1.5]), np.array([2.0, 0.2, 3.0]), 90.0),
+        Box("pillar", np.array([0.0, 2.0, 1.5]), np.array([0.4, 0.4, 3.0]), 0.0),
+    ]
+    on_wall = np.column_stack([np.full(10, 1.9), np.linspace(-1, 1, 10), np.ones(10)])
+    on_pillar = np.column_stack([np.linspace(-0.2, 0.2, 10), np.full(10, 1.8), np.ones(10)])
+    assert KINDS[kind_of(on_wall, boxes)] == "wall" and KINDS[kind_of(on_pillar, boxes)] == "pillar"
+    assert KINDS[kind_of(np.concatenate([on_wall[:7], on_pillar[:3]]), boxes)] == "wall"
+    assert KINDS[kind_of(np.add(on_wall, [5.0, 0.0, 0.0]), boxes)] == KINDS[kind_of(on_wall, [])] == "nothing"
+
+
+def test_places_are_outside_of_a_rectangle_by_the_axis_that_they_are_furthest_on():
+    along = np.array([np.cos(0.3), np.sin(0.3)])
+    across = np.array([-along[1], along[0]])
+    center = np.array([1.0, 2.0])
+    places = center + np.array([1.5 * along, 0.7 * across, 0.5 * along + 0.1 * across])
+    np.testing.assert_allclose(outside(places, center, np.array([2.0, 1.0]), along), [0.5, 0.2, -0.4])
+
+
+def test_rooms_of_a_draw_give_the_same_candidates_each_time_and_all_kinds_among_them(monkeypatch):
+    monkeypatch.setattr(object_training, "AT_ONCE", 3)
+    draws = [examples_of_draw(number) for number in (0, 1, 2, 3)]
+    again = examples_of_draw(1)
+    np.testing.assert_array_equal(draws[1].clues, again.clues)
+    np.testing.assert_array_equal(draws[1].kind, again.kind)
+    assert all(np.isfinite(draw.clues).all() and draw.clues.shape == (len(draw.kind), len(CLUES)) for draw in draws)
+    assert len(set(np.concatenate([draw.kind for draw in draws]).tolist())) > 1
