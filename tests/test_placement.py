@@ -5,9 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxmm.building_sighting import surfaces_along
+from jaxmm.cloud_comparison import visible
 from jaxmm.inputs import InputError
-from jaxmm.placement import FitLimits, place
-from jaxmm.room_scans import room_cases
+from jaxmm.placement import OF_CLOUDS, FitLimits, place
+from jaxmm.room_scans import as_cloud, room_cases
 from jaxmm.scan_rays import rays_of_scan
 
 
@@ -77,3 +78,24 @@ def test_a_scan_of_another_building_whose_floor_and_ceiling_fit_is_refused():
     assert placed(prior, scan, limits=FitLimits(least_upright=0.3)).overlap > 0.4
     with pytest.raises(InputError, match=r"\d+% of what it sees of walls lies on walls"):
         placed(prior, scan, limits=FitLimits(least_upright=1.01))
+
+
+def test_a_scan_of_another_room_is_refused_by_a_cloud_as_prior_too():
+    """Each room's own scan fits its cloud; those of others, put where it was taken from, do not, but for a chance."""
+    cases = list(room_cases("wall_removed", "occluded", 21, range(6)))
+    refused = 0
+    for case, other in zip(cases, cases[1:] + cases[:1], strict=True):
+        cloud = as_cloud(case).cloud
+
+        def lies_on(scan, cloud=cloud):
+            return place(scan, visible(cloud, rays_of_scan(scan)), limits=OF_CLOUDS)
+
+        assert lies_on(case.scan).overlap >= OF_CLOUDS.least_overlap
+        turn = case.scan.rotation @ other.scan.rotation.T
+        points = ((other.scan.points - other.scan.position) @ turn.T + case.scan.position).astype(np.float32)
+        try:
+            lies_on(case.scan._replace(points=points))
+        except InputError as error:
+            refused += 1
+            assert "does not fit the prior" in str(error) or "nothing in view" in str(error)
+    assert refused >= 5
