@@ -1,7 +1,7 @@
 """What `detect` finds in held-out rooms, from scan to mismatches and verdicts, with either preset.
 
     python -m benchmarks.detections --out runs/detections [--rooms 200] [--kind varied|thesis]
-        [--only wall_removed ...] [--model RUN|FILE]
+        [--only wall_removed ...] [--presets default ...] [--model RUN|FILE]
 
 Every room is one scan of 320 x 200 with furniture and one without, against its own building model. For each kind of
 scene and condition a JSON file with what was found in every room; what is there is not made again. Prints Markdown:
@@ -43,10 +43,10 @@ UNCHANGED_SHARE = 1.25  # of the rooms of a scene with changes, in each conditio
 FURNITURE = ObjectSettings().furniture_height  # [m] what is seen no higher may be furniture
 
 
-def main(out: Path, rooms: int, only: list[str], source: tuple[Path, int, str]) -> None:
+def main(out: Path, rooms: int, only: list[str], presets: list[str], source: tuple[Path, int, str]) -> None:
     out.mkdir(parents=True, exist_ok=True)
     parts = [
-        (scene, condition, start, min(AT_ONCE, count - start), source, out)
+        (scene, condition, start, min(AT_ONCE, count - start), presets, source, out)
         for scene, condition in itertools.product(only or SCENES, CONDITIONS)
         for count in [round(rooms * (UNCHANGED_SHARE if scene == UNCHANGED else 1.0))]
         for start in range(0, count, AT_ONCE)
@@ -58,18 +58,18 @@ def main(out: Path, rooms: int, only: list[str], source: tuple[Path, int, str]) 
 
 
 def _part(task: tuple) -> str:
-    scene, condition, start, count, (model, seed, kind), out = task
+    scene, condition, start, count, presets, (model, seed, kind), out = task
     path = out / f"{scene}_{condition}_{start}.json"
     if not path.exists():
         judges, numbers = read_judges(model), range(start, start + count)
-        found = [_room(judges, case) for case in room_cases(scene, condition, seed, numbers, preset=kind)]
+        found = [_room(judges, case, presets) for case in room_cases(scene, condition, seed, numbers, preset=kind)]
         write_json(path, found)
     return f"{scene} {condition}: rooms {start} to {start + count - 1}"
 
 
-def _room(judges: Judges, case: RoomCase) -> dict[str, Any]:
+def _room(judges: Judges, case: RoomCase, presets: list[str]) -> dict[str, Any]:
     told: dict[str, Any] = {}
-    for preset in HOW:
+    for preset in presets:
         settings = DetectSettings(preset=preset, refine=False, propose_views=False)
         scan = NamedScan(case.scan, "scan", len(case.scan.points), "given")
         found = detect_scans(case.prior, [scan], judges, settings)
@@ -169,8 +169,9 @@ def table(out: Path) -> str:
         every += [element for room in rooms for element in room["elements"]]
         cells = {}
         for preset in HOW:
-            total = {key: sum(room[preset][key] for room in rooms) for key in ("found", "right", "wanted", "reached")}
-            off[preset] += [one for room in rooms for one in room[preset]["off"]]
+            scored = [room[preset] for room in rooms if preset in room]
+            total = {key: sum(one[key] for one in scored) for key in ("found", "right", "wanted", "reached")}
+            off[preset] += [each for one in scored for each in one["off"]]
             cells[preset] = f"{_share(total['right'], total['found'])}", f"{_share(total['reached'], total['wanted'])}"
         clean = np.mean([room["default"]["found"] == room["default"]["right"] for room in rooms])
         lines.append(
@@ -239,8 +240,11 @@ if __name__ == "__main__":
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--rooms", type=int, default=200, metavar="N")
     parser.add_argument("--only", nargs="+", choices=SCENES, default=[], metavar="SCENE")
+    parser.add_argument("--presets", nargs="+", choices=HOW, default=list(HOW), help="'default' must be among them")
     parser.add_argument("--model", type=Path, default=DEFAULT, metavar="RUN|FILE")
     parser.add_argument("--seed", type=int, default=TEST_SEED, metavar="N")
     parser.add_argument("--kind", choices=sorted(PRESETS), default="varied", help="of rooms")
     asked = parser.parse_args()
-    main(asked.out, asked.rooms, asked.only, (asked.model, asked.seed, asked.kind))
+    if "default" not in asked.presets:
+        parser.error("--presets: 'default' must be among them, for its verdicts")
+    main(asked.out, asked.rooms, asked.only, asked.presets, (asked.model, asked.seed, asked.kind))

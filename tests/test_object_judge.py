@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import safetensors.numpy
-from sklearn.ensemble import GradientBoostingClassifier
 
 from jaxmm import object_training
 from jaxmm.boxes import Box
@@ -14,7 +13,7 @@ from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import Circle, face_through, outside
 from jaxmm.object_sight import Sight
 from jaxmm.object_solids import SolidSettings
-from jaxmm.object_training import DEPTH, RATE, ROUNDS, Examples, examples_of_draw, fit, kind_of
+from jaxmm.object_training import Examples, boosted_trees, examples_of_draw, fit, kind_of
 
 
 @pytest.fixture(scope="module")
@@ -28,10 +27,7 @@ def examples():
 
 def test_the_arrays_say_what_the_trees_say_that_they_were_made_of(examples):
     judge = fit(examples)
-    witness = GradientBoostingClassifier(
-        n_estimators=ROUNDS, learning_rate=RATE, max_depth=DEPTH, subsample=0.5, max_features=6, min_samples_leaf=8,
-        random_state=0,
-    ).fit(examples.clues.astype(np.float32), examples.kind)  # fmt: skip
+    witness = boosted_trees().fit(examples.clues.astype(np.float32), examples.kind)
     new = np.random.default_rng(1).normal(size=(4000, len(CLUES)))
     np.testing.assert_allclose(judge_objects(judge, new), witness.predict_proba(new.astype(np.float32)), atol=1e-6)
     # A clue that equals a limit goes on to the same side in both.
