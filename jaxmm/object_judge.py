@@ -15,7 +15,7 @@ import safetensors.numpy
 
 from jaxmm.files import write_atomically
 from jaxmm.inputs import InputError
-from jaxmm.object_candidates import CLUES
+from jaxmm.object_clues import CLUES
 
 KINDS = ("nothing", "pillar", "wall")
 DEFAULT = Path(__file__).parent / "weights" / "objects.safetensors"

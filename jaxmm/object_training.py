@@ -25,7 +25,7 @@ from jaxmm.detection import look_at
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges
 from jaxmm.mismatches import judged_side
-from jaxmm.object_candidates import CLUES
+from jaxmm.object_clues import CLUES
 from jaxmm.object_judge import KINDS, ObjectJudge, judge_objects, save_judge
 from jaxmm.object_shapes import outside
 from jaxmm.objects import ObjectSettings, examine

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.boxes import Box
-from jaxmm.object_candidates import CLUES, ONTO, Candidate, Opinions, candidates_of, clues_of, grid_of
+from jaxmm.object_candidates import Candidate, candidates_of
+from jaxmm.object_clues import CLUES, ONTO, Opinions, clues_of, grid_of
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.object_levels import levels_of
 from jaxmm.object_pieces import joined, pieces_of, upright
@@ -39,7 +40,7 @@ class Examined(NamedTuple):
 
     sight: Sight
     candidates: list[Candidate]
-    clues: np.ndarray  # (C, F) of object_candidates.CLUES
+    clues: np.ndarray  # (C, F) of object_clues.CLUES
 
 
 class Found(NamedTuple):

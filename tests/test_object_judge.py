@@ -7,7 +7,8 @@ import safetensors.numpy
 from jaxmm import object_training
 from jaxmm.boxes import Box
 from jaxmm.inputs import InputError
-from jaxmm.object_candidates import CLUES, Opinions, candidates_of, clues_of, grid_of
+from jaxmm.object_candidates import candidates_of
+from jaxmm.object_clues import CLUES, Opinions, clues_of, grid_of
 from jaxmm.object_judge import DEFAULT, KINDS, default_judge, judge_objects, load_judge, save_judge
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import Circle, face_through, outside
