@@ -4,7 +4,7 @@
 
 ROOT is the thesis's repository. No pose is given: it is estimated from the cloud of the scan, with the field of view
 of the camera that the thesis used. Prints, for each pair, the objects of the scenario that were found, how far
-off they are, and every other mismatch, which is false.
+off they are, and every other mismatch, which is false; or why the pair is refused.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from jaxmm.box_match import footprint, match_boxes
 from jaxmm.boxes import Box
 from jaxmm.detect_files import Reading
 from jaxmm.files import load_json
+from jaxmm.inputs import InputError
 from jaxmm.report import Detection, box_of
 from jaxmm.thesis import ThesisPair, find_pairs, read_pair
 from warp_scanner.sensors import Pinhole
@@ -36,9 +37,13 @@ def row_of(pair: ThesisPair) -> dict[str, Any]:
     """One pair."""
     added = pair.scenario.endswith("added")
     prior, scan = (pair.other, pair.scored) if added else (pair.scored, pair.other)
-    found = detect(prior, scan, reading=Reading(sensor=CAMERA))
+    case = f"{pair.source} {pair.room} {pair.scenario} {pair.condition}"
+    try:
+        found = detect(prior, scan, reading=Reading(sensor=CAMERA))
+    except InputError as error:
+        return {"case": case, "refused": str(error)}
     return {
-        "case": f"{pair.source} {pair.room} {pair.scenario} {pair.condition}",
+        "case": case,
         "pose": [round(value, 3) for value in found.scans[0].pose],
         "registration": found.registration,
         **compared(found, pair),
@@ -104,6 +109,9 @@ def table(rows: list[dict[str, Any]]) -> str:
     lines = ["| pair | labelled points in the box | found | false | released boxes: overlap, plan, plane [m] |"]
     lines.append("| --- | --- | --- | --- | --- |")
     for row in rows:
+        if "refused" in row:
+            lines.append(f"| {row['case']} | refused: {row['refused'].split(': ', 1)[-1]} | | | |")
+            continue
         boxes = "; ".join(f"{one['overlap']}, {one['center_off']}, {one['plane_off']}" for one in row["boxes"])
         lines.append(f"| {row['case']} | {row['held']:.3f} | {row['found']} | {row['false']} | {boxes or '-'} |")
     return "\n".join(lines)
