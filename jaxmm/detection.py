@@ -174,7 +174,7 @@ def _records(
         }  # fmt: skip
         pose = _pose_of(fit.scan, prior.origin)
         records.append(ScanRecord(
-            one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, one.notes,
+            one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, (*one.notes, *fit.notes),
             int(shows[number]), int(alone[number]),
         ))  # fmt: skip
     return tuple(records)
