@@ -5,7 +5,7 @@
 
 Every room is one scan of 320 x 200 with furniture and one without, against its own building model. For each kind of
 scene and condition a JSON file with what was found in every room; what is there is not made again. Prints Markdown:
-precision and recall of objects (recall: of those with an observable fraction of at least 0.2), errors of centres, and
+precision and recall of objects (of the presets that were asked for; recall: of those with an observable fraction of at least 0.2), errors of centres, and
 verdicts against the simulator's truth.
 """
 
@@ -60,7 +60,7 @@ def main(out: Path, rooms: int, only: list[str], presets: list[str], source: tup
 def _part(task: tuple) -> str:
     scene, condition, start, count, presets, (model, seed, kind), out = task
     path = out / f"{scene}_{condition}_{start}.json"
-    if not path.exists():
+    if not path.exists() or not set(presets) <= load_json(path)[0].keys():
         judges, numbers = read_judges(model), range(start, start + count)
         found = [_room(judges, case, presets) for case in room_cases(scene, condition, seed, numbers, preset=kind)]
         write_json(path, found)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxmm.object_pieces import Piece, is_hidden
 from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Sight
-from jaxmm.object_walls import WallSettings
+from jaxmm.object_walls import WallSettings, reach
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,6 +20,7 @@ class CandidateSettings(WallSettings):
 
     wall_length: float = 1.4  # a face from this length on takes up all faces within a wall's thickness of it
     least_host: float = 0.3  # a face from this length on takes up what may be the far end of its wall
+    far_shaft: float = 0.3  # most diameter of a shaft that may be such an end, two of whose sides passed for one
 
 
 class Candidate(NamedTuple):
@@ -99,6 +100,8 @@ def _with_far_ends(sight: Sight, groups: list[list[Piece]], settings: CandidateS
 
 def _is_far_end(sight: Sight, wall: Piece, group: list[Piece], settings: CandidateSettings) -> bool:
     """Whether pieces, no wider than a wall is thick, lie where a wall ends whose face goes on behind something."""
+    if group[0].circle is not None and 2.0 * group[0].circle.radius > settings.far_shaft:
+        return False
     offset = sight.points[np.concatenate([piece.members for piece in group]), :2] - wall.face.center
     depth, place = -(offset @ wall.toward), offset @ wall.face.along
     if (
@@ -110,6 +113,8 @@ def _is_far_end(sight: Sight, wall: Piece, group: list[Piece], settings: Candida
     way = 1.0 if place.mean() > 0.0 else -1.0
     from_here, to_there = way * wall.face.length / 2, (place * way).min() * way
     if not settings.corner < (to_there - from_here) * way <= settings.hidden_gap:
+        return False
+    if reach(sight, wall, way, settings) < settings.shown:  # one sees that the face ends before
         return False
     start, end = (wall.face.center + wall.face.along * one for one in (from_here, to_there))
     return is_hidden(sight, start, end, settings)

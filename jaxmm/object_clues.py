@@ -26,6 +26,7 @@ ONTO = 0.1  # [m] points this close to the other side's surface may be its own
 AROUND = 0.3  # [m]
 CELL = 0.05  # [m] in which places are counted along a direction
 MOST_POINTS = 4000  # that the direction of a building is sought among
+MOST_REACH = 50.0  # [m] from their middle, within which
 TURNS = 90  # directions tried, over a quarter of a turn
 FAR = 3.0  # [m] that a face may go on for; more tells no more
 CLUES = (
@@ -38,7 +39,7 @@ CLUES = (
     "goes_on_least",  # [m] and at the other
     "thin",  # 1 where one looks through where the side of a square pillar would be
     "arc",  # [rad] that is seen of the shaft
-    "points",  # logarithm of their number
+    "points",  # logarithm of their number, for each scan that saw some
     "pillar",  # log odds of the mean of P(of a changed pillar)
     "wall",  # and of a changed wall
     "top",  # [m] of the highest point above the floor
@@ -69,6 +70,7 @@ def clues_of(
         settings: how far is looked.
     """
     first, members = candidate.first, candidate.members
+    scans = len(np.unique(sight.origin[members], axis=0))  # each of which counts what the others count too
     z, apart = sight.points[members, 2], opinions.apart[members]
     low, high = float(z.min()), float(z.max())
     patch = Patch(*front_of(first), high + settings.rim, sight.ceiling - settings.rim)
@@ -76,14 +78,14 @@ def clues_of(
     away = np.median(sight.points[members, :2], axis=0) - first.origin[:2]
     distance = max(float(np.linalg.norm(away)), 1e-6)
     of_all = [
-        np.log(len(members)), _logit(opinions.pillar[members]), _logit(opinions.wall[members]),
-        high - sight.floor, low - sight.floor, sight.ceiling - high, np.log1p(over.total), over.free, distance,
+        np.log(len(members) / scans), _logit(opinions.pillar[members]), _logit(opinions.wall[members]),
+        high - sight.floor, low - sight.floor, sight.ceiling - high, np.log1p(over.total / scans), over.free, distance,
     ]  # fmt: skip
     of_surface = [min(float(np.median(apart)), 1.0), float(np.mean(apart <= ONTO))]
-    around = float(np.log1p(_around(sight, members, opinions.apart)))
+    around = float(np.log1p(_around(sight, members, opinions.apart) / scans))
     if first.circle is not None:
         shape = [1.0, 2.0 * first.circle.radius, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, first.circle.arc]
-        filled = _filled(len(members), 2.0 * first.circle.radius, high - low)
+        filled = _filled(len(members) / scans, 2.0 * first.circle.radius, high - low)
         return np.array([*shape, *of_all, 0.0, -10.0, *of_surface, filled, around])
     face, side = first.face, candidate.crossing
     goes_on = sorted(min(reach(sight, first, way, settings), FAR) for way in (-1.0, 1.0))
@@ -94,16 +96,17 @@ def clues_of(
     ]  # fmt: skip
     turn = np.degrees(np.arctan2(face.along[1], face.along[0]) - grid) % 90.0
     of_turn = [abs(float(face.along @ away)) / distance, min(turn, 90.0 - turn)]
-    return np.array([*shape, *of_all, *of_turn, *of_surface, _filled(len(members), span, high - low), around])
+    return np.array([*shape, *of_all, *of_turn, *of_surface, _filled(len(members) / scans, span, high - low), around])
 
 
 def grid_of(places: np.ndarray) -> float:
     """Direction [rad], 0 to a quarter turn, along and across which most places (N, 2) [m] lie in lines; 0 of none.
 
-    That in which the counts of places along both axes are most uneven, as the sum of their squares tells.
+    It is that in which the counts of places along both axes are most uneven, as the sum of their squares tells.
     """
     if not len(places):
         return 0.0
+    places = places[np.abs(places - np.median(places, axis=0)).max(axis=1) <= MOST_REACH]
     places = places[np.lexsort(places.T)][:: -(-len(places) // MOST_POINTS)]
     step = np.pi / 2 / TURNS
     rough = _most_uneven(places, step * np.arange(TURNS))
@@ -123,7 +126,7 @@ def _most_uneven(places: np.ndarray, angle: np.ndarray) -> float:
     return float(angle[np.argmax(uneven)])
 
 
-def _filled(count: int, width: float, height: float) -> float:
+def _filled(count: float, width: float, height: float) -> float:
     return count / (100.0 * (width + 0.1) * (height + 0.1))
 
 

@@ -63,11 +63,31 @@ def load_judge(path: Path) -> ObjectJudge:
         with safetensors.safe_open(path, framework="numpy") as file:
             told = (file.metadata() or {}).get("clues", "")
             tensors = {name: file.get_tensor(name) for name in file.keys()}
-    except (safetensors.SafetensorError, OSError) as error:
+    except (safetensors.SafetensorError, OSError, TypeError) as error:
         raise InputError(f"{path}: not a whole safetensors file: {str(error).splitlines()[0]}") from error
     if told.split() != list(CLUES) or tensors.keys() != set(ObjectJudge._fields):
         raise InputError(f"{path}: expected a judge of objects by the {len(CLUES)} clues of this version, got {told!r}")
-    return ObjectJudge(**tensors)
+    judge = ObjectJudge(**tensors)
+    if not _fits(judge):
+        raise InputError(f"{path}: expected trees for {len(KINDS)} kinds whose parts agree, got {_shapes(judge)}")
+    return judge
+
+
+def _fits(judge: ObjectJudge) -> bool:
+    """Whether shapes, types and values are those of trees."""
+    shape = judge.leaf.shape
+    if judge.start.shape != (len(KINDS),) or len(shape) != 3 or shape[1] != len(KINDS) or shape[2].bit_count() != 1:
+        return False
+    if not judge.clue.shape == judge.limit.shape == (*shape[:2], shape[2] - 1):
+        return False
+    if judge.clue.dtype != np.uint8 or any(one.dtype != np.float32 for one in (judge.start, judge.limit, judge.leaf)):
+        return False
+    finite = np.isfinite(judge.start).all() and np.isfinite(judge.leaf).all() and not np.isnan(judge.limit).any()
+    return bool(finite and np.all(judge.clue < len(CLUES)))
+
+
+def _shapes(judge: ObjectJudge) -> str:
+    return ", ".join(f"{name} {array.dtype} {array.shape}" for name, array in judge._asdict().items())
 
 
 @functools.cache

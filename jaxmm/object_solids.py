@@ -47,9 +47,9 @@ def solid_of(
 
 
 def without_splinters(sight: Sight, solids: list[Solid], settings: SolidSettings) -> list[Solid]:
-    """The solids but for those most of whose points lie in or right beside one with more points; most points first.
+    """The solids but for those most of whose points lie in or right beside one that comes before.
 
-    What is likely nothing takes nothing away from what is likely something.
+    What is likelier real than not comes first, then what has more points: noise takes nothing away from an object.
     """
     kept: list[Solid] = []
     for solid in sorted(solids, key=lambda one: (one.probability < 0.5, -len(one.members))):
@@ -70,9 +70,16 @@ def _wall(sight: Sight, candidate: Candidate, settings: SolidSettings, known: Kn
     whole, length = _ends(sight, side, settings), side.face.length
     if not others and length < (settings.tolerance if whole else settings.least_width):
         return None
-    if length < settings.least_column or (whole and length <= settings.most_thickness):
-        return wall_end_on(side, settings)
+    narrow = length < settings.least_column or (whole and length <= settings.most_thickness)
+    if narrow and not any(_lies_beyond(side, piece, settings) for piece in others):
+        return wall_end_on(side, settings)._replace(members=candidate.members)
     return wall_behind(sight, side, others, settings, known.walls)
+
+
+def _lies_beyond(side: Piece, other: Piece, settings: SolidSettings) -> bool:
+    """Whether one piece reaches further along another's face than that does: then it is the side of a wall, not its end."""
+    place = (other.face.ends - side.face.center) @ side.face.along
+    return bool(np.abs(place).max() > side.face.length / 2 + settings.corner)
 
 
 def _ends(sight: Sight, piece: Piece, settings: SolidSettings) -> bool:
@@ -132,7 +139,9 @@ def _depth(width: float, settings: SolidSettings, known: KnownSizes) -> float:
     sections = [(a, b) for a, b, is_round in known.columns if not is_round]
     sections += [(b, a) for a, b in sections]
     fitting = [section for section in sections if abs(section[0] - width) <= settings.fits]
-    return min(fitting, key=lambda section: abs(section[0] - width), default=(width, width))[1]
+    return min(fitting, key=lambda section: abs(section[0] - width), default=(width, min(width, settings.wall_length)))[
+        1
+    ]
 
 
 def _fitting(edges: np.ndarray, settings: SolidSettings, known: KnownSizes) -> np.ndarray:

@@ -66,7 +66,7 @@ def wall_behind(
     depth = -(offset @ wall.toward)
     # A single column of points on a slanting end may be anywhere on it.
     measured = any(piece.face.length >= settings.tolerance for piece in others)
-    seen = float(depth.max()) if measured else 0.0
+    seen = float(depth[depth <= settings.most_thickness].max()) if measured else 0.0
     thickness = (
         _fitting(seen, settings, known) if seen >= settings.least_thickness else _unseen(sight, wall, settings, known)
     )

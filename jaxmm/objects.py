@@ -149,6 +149,12 @@ def _checked(judged: Judged) -> tuple[Sight, Opinions]:
     opinions = Opinions(*(np.asarray(one, np.float64) for one in (judged.pillar, judged.wall, judged.apart)))
     if not all(np.all((one >= 0.0) & (one <= 1.0)) for one in opinions[:2]):  # also false for NaN
         raise ValueError("pillar and wall must lie in [0, 1], got values outside it")
+    if not np.all(opinions.apart >= 0.0):  # also false for NaN
+        raise ValueError("apart must not be negative or NaN")
+    if judged.scan is not None:
+        scan = np.asarray(judged.scan)
+        if scan.shape != (len(points),) or not np.all((scan >= 0) & (scan < len(sensors))):
+            raise ValueError(f"scan must be ({len(points)},) of 0 to {len(sensors) - 1}, got {scan.shape}")
     if not judged.floor < judged.ceiling:
         raise ValueError(f"floor must lie below ceiling, got {judged.floor} and {judged.ceiling}")
     origin = sensors_of(points, sensors, judged.scan)

@@ -94,7 +94,7 @@ def place(scan: PosedScan, prior: np.ndarray, *, refine: bool = True, limits: Fi
 
 
 def _doubts(upright: float) -> tuple[str, ...]:
-    if upright >= DOUBTED:
+    if not upright < DOUBTED:  # NaN of a scan without walls
         return ()
     return (
         f"{upright:.0%} of what it sees of walls lies on walls of the prior: is it of this place, and did a wall "
