@@ -4,9 +4,9 @@
         [--only wall_removed ...] [--presets default ...] [--model RUN|FILE]
 
 Every room is one scan of 320 x 200 with furniture and one without, against its own building model. For each kind of
-scene and condition a JSON file with what was found in every room; what is there is not made again. Prints Markdown:
-precision and recall of objects (of the presets that were asked for; recall: of those with an observable fraction of at least 0.2), errors of centres, and
-verdicts against the simulator's truth.
+scene and condition a JSON file with what was found in every room; what is there is not made again, unless a preset is
+missing in it. Prints Markdown: precision and recall of objects (recall: of those with an observable fraction of at
+least 0.2), errors of centres, and verdicts against the simulator's truth.
 """
 
 import argparse

@@ -77,7 +77,7 @@ def _wall(sight: Sight, candidate: Candidate, settings: SolidSettings, known: Kn
 
 
 def _lies_beyond(side: Piece, other: Piece, settings: SolidSettings) -> bool:
-    """Whether one piece reaches further along another's face than that does: then it is the side of a wall, not its end."""
+    """Whether a piece reaches further along a face than that itself: then the face is a wall's side, not its end."""
     place = (other.face.ends - side.face.center) @ side.face.along
     return bool(np.abs(place).max() > side.face.length / 2 + settings.corner)
 
@@ -139,9 +139,8 @@ def _depth(width: float, settings: SolidSettings, known: KnownSizes) -> float:
     sections = [(a, b) for a, b, is_round in known.columns if not is_round]
     sections += [(b, a) for a, b in sections]
     fitting = [section for section in sections if abs(section[0] - width) <= settings.fits]
-    return min(fitting, key=lambda section: abs(section[0] - width), default=(width, min(width, settings.wall_length)))[
-        1
-    ]
+    unknown = (width, min(width, settings.wall_length))
+    return min(fitting, key=lambda section: abs(section[0] - width), default=unknown)[1]
 
 
 def _fitting(edges: np.ndarray, settings: SolidSettings, known: KnownSizes) -> np.ndarray:

@@ -9,7 +9,7 @@ from jaxmm.boxes import Box
 from jaxmm.inputs import InputError
 from jaxmm.object_candidates import candidates_of
 from jaxmm.object_clues import CLUES, Opinions, clues_of, grid_of
-from jaxmm.object_judge import DEFAULT, KINDS, default_judge, judge_objects, load_judge, save_judge
+from jaxmm.object_judge import DEFAULT, KINDS, ObjectJudge, default_judge, judge_objects, load_judge, save_judge
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import Circle, face_through, outside
 from jaxmm.object_sight import Sight
@@ -68,6 +68,36 @@ def test_a_file_that_holds_no_judge_is_refused_in_one_line(wrong, tmp_path):
     with pytest.raises(InputError, match=str(path)) as refused:
         load_judge(path)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"start": np.zeros(2, np.float32)}, {"start": np.zeros(1, np.float32)},
+        {"clue": np.full((2, 3, 7), 200, np.uint8)}, {"clue": np.zeros((2, 3, 7), np.float32)},
+        {"clue": np.zeros((2, 3, 3), np.uint8)}, {"limit": np.zeros((2, 3, 3), np.float32)},
+        {"limit": np.full((2, 3, 7), np.nan, np.float32)}, {"leaf": np.full((2, 3, 8), np.nan, np.float32)},
+        {"leaf": np.zeros((1, 3, 8), np.float32)}, {"leaf": np.zeros((2, 3, 16), np.float32)},
+        {"leaf": np.zeros((2, 3, 7), np.float32)},
+    ],
+    ids=lambda wrong: "{} {}".format(*next((name, array.shape) for name, array in wrong.items())),
+)  # fmt: skip
+def test_trees_whose_parts_disagree_are_refused(wrong, tmp_path):
+    parts = ObjectJudge(
+        np.zeros(3, np.float32), np.zeros((2, 3, 7), np.uint8), np.zeros((2, 3, 7), np.float32),
+        np.zeros((2, 3, 8), np.float32),
+    )  # fmt: skip
+    path = tmp_path / "objects.safetensors"
+    save_judge(parts, path, {})
+    assert load_judge(path).leaf.shape == (2, 3, 8)
+    save_judge(parts._replace(**wrong), path, {})
+    with pytest.raises(InputError, match="expected trees for 3 kinds whose parts agree, got start"):
+        load_judge(path)
+
+
+def test_a_stray_point_far_away_costs_the_grid_nothing():
+    places = np.concatenate([np.column_stack([np.linspace(-4, 4, 500), np.zeros(500)]), [[1e7, 3e6]]])
+    assert grid_of(places) == pytest.approx(grid_of(places[:-1]), abs=1e-3)
 
 
 def test_the_shipped_judge_tells_a_wall_from_a_pillar_from_a_cabinet():

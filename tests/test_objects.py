@@ -13,7 +13,7 @@ from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Patch, Sight, crossings
 from jaxmm.object_solids import SolidSettings, solid_of
 from jaxmm.object_walls import KnownSizes
-from jaxmm.objects import Judged, ObjectSettings, find_objects
+from jaxmm.objects import Judged, ObjectSettings, examine, find_objects
 from warp_scanner.points import points_of
 from warp_scanner.scenes import BOX, CYLINDER, Tags, join, solids
 from warp_scanner.sense import cast
@@ -230,6 +230,30 @@ def test_a_wall_is_one_of_which_one_sees_an_end_and_beyond_a_pillar_a_part_of_it
     assert sorted(box.dimensions[:2]) == pytest.approx([0.2, 3.0], abs=0.1)
 
 
+@pytest.mark.parametrize("second", [pillar(3.5, -0.7, 0.4, 0, CYLINDER), pillar(3.5, -0.7, 0.26, 30)])
+def test_two_pillars_in_line_behind_a_third_are_no_wall(second):
+    found = find_objects(judged(pillar(3.5, 0.7, 0.4), second, others=[pillar(2.0, 0.0, 0.5)]))
+    assert [one.box.object_type for one in found] == ["pillar", "pillar"]
+
+
+def test_two_walls_that_meet_make_none_as_thick_as_they_are_long():
+    seen = judged(wall(3.2, 0.45, 1.3, 0.2, 50), wall(3.2, -0.45, 1.3, 0.2, -50))
+    examined = examine(seen, ObjectSettings())
+    solids = [solid_of(examined.sight, one, True, ObjectSettings(), KnownSizes()) for one in examined.candidates]
+    assert solids and all(min(solid.edges) <= ObjectSettings().most_thickness + 1e-6 for solid in solids)
+
+
+def test_what_several_scans_see_alike_has_the_clues_of_what_one_sees():
+    """A scan that is given twice doubles its points, and tells nothing more of lengths, counts and surroundings."""
+    once = judged(pillar(3.0, 0.3, 0.7, 40), wall(3.6, -1.4, 2.0, 0.2, 80))
+    twice = judged(
+        pillar(3.0, 0.3, 0.7, 40), wall(3.6, -1.4, 2.0, 0.2, 80), poses=((*SENSOR, 0.0), (1e-6, *SENSOR[1:], 0.0))
+    )
+    clues = [examine(seen, ObjectSettings()).clues for seen in (once, twice)]
+    assert len(twice.points) > 1.9 * len(once.points)
+    np.testing.assert_allclose(*(np.sort(one, axis=0) for one in clues), atol=0.06)
+
+
 def test_what_stands_half_a_metre_from_a_wall_in_its_line_is_not_of_it_if_one_looks_between_them():
     seen = judged(wall(3.0, -0.9, 2.0, 0.2, 90), pillar(3.05, 0.75, 0.4))
     assert sorted(one.box.object_type for one in find_objects(seen)) == ["pillar", "wall"]
@@ -296,6 +320,9 @@ def test_rays_beyond_before_and_on_a_patch_are_told_apart():
         ({"wall": np.full(4, 1.5)}, r"must lie in \[0, 1\]"),
         ({"wall": np.full(4, np.nan)}, r"must lie in \[0, 1\]"),
         ({"sensor": np.zeros(3)}, "sensor must be"),
+        ({"apart": np.full(4, np.nan)}, "apart must not be negative or NaN"),
+        ({"scan": np.array([0, 0, 0, 3])}, r"scan must be \(4,\) of 0 to 0"),
+        ({"scan": np.zeros(3, int)}, r"scan must be \(4,\) of 0 to 0, got \(3,\)"),
         ({"floor": 3.0}, "floor must lie below ceiling, got 3.0 and 3.0"),
     ],
 )
