@@ -35,8 +35,8 @@ setup: .venv/current
 setup-peers: setup
 	$(PIP) install -c requirements.lock -e '.[peers]'
 
-# The default models, from nothing: 20 minutes, and what judges objects, which learns from what they say: 30 more.
-# The run folder holds how they came about.
+# The default models, from nothing: 20 minutes, and what judges objects, which learns from what they say: 20 more.
+# The run folder holds how the models came about, the file of the judge how it did.
 weights: setup
 	$(BIN)/jaxmm train configs/weights.toml --out runs/weights
 	cp runs/weights/models.safetensors jaxmm/weights/default.safetensors

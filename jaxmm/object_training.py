@@ -9,6 +9,7 @@ well it does.
 """
 
 import argparse
+import hashlib
 import json
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -172,7 +173,9 @@ def main(out: Path, rooms: int) -> None:
     kept = _joined(draws[::KEPT])
     judge = fit(_joined([draw for number, draw in enumerate(draws) if number % KEPT]))
     told = _told(judge, kept)
-    save_judge(judge, out, {"seed": str(SEED), "rooms": str(AT_ONCE * len(draws)), "kept": json.dumps(told)})
+    models = hashlib.sha256(DEFAULT.read_bytes()).hexdigest()  # whose probabilities it learnt to weigh
+    rooms = str(AT_ONCE * len(draws))
+    save_judge(judge, out, {"seed": str(SEED), "rooms": rooms, "kept": json.dumps(told), "models": models})
     print(json.dumps(told))
 
 
