@@ -57,6 +57,7 @@ class ObjectSettings(SolidSettings):
     threshold: float = 0.3  # a point is looked at from this probability on; whether its object is real is told by all
     least_apart: float = 0.0  # points closer to the other side's surface are none of an object
     surface_margin: float = 0.05  # points this near to floor or ceiling are none either
+    rarer: float = 4.0  # how many times rarer changes are than in the rooms that the judge of objects learnt from
 
     def __post_init__(self):
         if not 0.0 <= self.threshold <= 1.0:
@@ -97,7 +98,8 @@ def find_objects(
     for one, (nothing, pillar, wall) in zip(candidates, share, strict=True):
         solid = solid_of(sight, one, bool(wall > pillar), settings, known)
         if solid is not None:
-            solids.append(solid._replace(probability=float(1.0 - nothing)))
+            real = 1.0 - nothing
+            solids.append(solid._replace(probability=float(real / (real + settings.rarer * nothing))))
     found = [Found(_box(sight, solid, settings), solid.members) for solid in without_splinters(sight, solids, settings)]
     return sorted(found, key=lambda one: (-one.box.probability, *one.box.center))
 

@@ -208,6 +208,16 @@ def test_what_is_seen_to_a_small_height_only_is_less_sure():
     assert cut.probability < whole.probability
 
 
+def test_odds_go_down_as_changes_are_rarer():
+    seen = judged(pillar(3.0, 0.3, 0.7, 40))
+    seen = seen._replace(pillar=np.minimum(seen.pillar, 0.6), wall=np.minimum(seen.wall, 0.6))
+    odds = []
+    for rarer in (1.0, 4.0, 16.0):
+        probability = only(find_objects(seen, ObjectSettings(rarer=rarer)), "pillar").probability
+        odds.append(probability / (1.0 - probability))
+    assert odds[0] == pytest.approx(4.0 * odds[1]) and odds[1] == pytest.approx(4.0 * odds[2])
+
+
 def test_hardly_probable_points_that_continue_a_face_are_of_it():
     """Of a wall, the half that the networks doubt is found with the half that they do not."""
     truth = Box("wall", np.array([3.5, 0.0, 1.5]), np.array([3.0, 0.2, 3.0]), 90.0)
