@@ -14,6 +14,7 @@ from jaxmm.boxes import Box, fit_boxes
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.hindsight import Alone
 from jaxmm.judging import Side
+from jaxmm.object_clues import ONTO
 from jaxmm.object_shapes import is_round
 from jaxmm.objects import Judged, find_objects
 from jaxmm.places import Visits, fused
@@ -25,7 +26,6 @@ from warp_scanner.building_changes import of_element
 from warp_scanner.scenes import PILLAR, WALL
 
 KINDS = {WALL: "wall", PILLAR: "pillar"}
-ONTO = 0.1  # [m] points this close to the prior's surface are the prior's own
 LEAST_NEW = 0.5  # share of an added object's points that must be farther
 LEAST_MET = 8  # rays that tell of an object, below which it is a guess
 MOST_DENIED = 0.03  # share of the rays that tell anything, which may look through an object's core

@@ -107,7 +107,7 @@ def _is_far_end(sight: Sight, wall: Piece, group: list[Piece], settings: Candida
     if (
         np.ptp(place) > settings.most_thickness
         or depth.min() < -settings.in_line
-        or (depth.max() > settings.most_thickness)
+        or depth.max() > settings.most_thickness
     ):
         return False
     way = 1.0 if place.mean() > 0.0 else -1.0

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.special import logit
 
 from jaxmm.object_candidates import Candidate, CandidateSettings
 from jaxmm.object_pieces import front_of
@@ -26,7 +27,7 @@ ONTO = 0.1  # [m] points this close to the other side's surface may be its own
 AROUND = 0.3  # [m]
 CELL = 0.05  # [m] in which places are counted along a direction
 MOST_POINTS = 4000  # that the direction of a building is sought among
-MOST_REACH = 50.0  # [m] from their middle, within which
+MOST_REACH = 50.0  # [m] from their middle, beyond which points are left out
 TURNS = 90  # directions tried, over a quarter of a turn
 FAR = 3.0  # [m] that a face may go on for; more tells no more
 CLUES = (
@@ -107,6 +108,8 @@ def grid_of(places: np.ndarray) -> float:
     if not len(places):
         return 0.0
     places = places[np.abs(places - np.median(places, axis=0)).max(axis=1) <= MOST_REACH]
+    if not len(places):  # two heaps of points, and the middle is far from both
+        return 0.0
     places = places[np.lexsort(places.T)][:: -(-len(places) // MOST_POINTS)]
     step = np.pi / 2 / TURNS
     rough = _most_uneven(places, step * np.arange(TURNS))
@@ -140,5 +143,4 @@ def _around(sight: Sight, members: np.ndarray, apart: np.ndarray) -> int:
 
 
 def _logit(probability: np.ndarray) -> float:
-    mean = float(np.clip(np.mean(probability), 0.003, 0.997))
-    return float(np.log(mean / (1.0 - mean)))
+    return float(logit(np.clip(np.mean(probability), 0.003, 0.997)))

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import safetensors
 import safetensors.numpy
+from scipy.special import softmax
 
 from jaxmm.files import write_atomically
 from jaxmm.inputs import InputError
@@ -43,8 +44,7 @@ def judge_objects(judge: ObjectJudge, clues: np.ndarray) -> np.ndarray:
         larger = clues[row, judge.clue[rounds, kind, node]] > judge.limit[rounds, kind, node]
         node = 2 * node + 1 + larger
     score = judge.start + judge.leaf[rounds, kind, node - inner].sum(axis=1, dtype=np.float64)
-    weight = np.exp(score - score.max(axis=1, keepdims=True))
-    return weight / weight.sum(axis=1, keepdims=True)
+    return softmax(score, axis=1)
 
 
 def save_judge(judge: ObjectJudge, path: Path, metadata: dict[str, str]) -> None:

@@ -52,7 +52,7 @@ def truncated(path):
 
 
 def with_array(array):
-    return lambda path: np.save(path, array, allow_pickle=True)
+    return lambda path: np.save(path, array)
 
 
 POINTS = np.ones((40, 3), np.float32)

@@ -100,6 +100,10 @@ def test_a_stray_point_far_away_costs_the_grid_nothing():
     assert grid_of(places) == pytest.approx(grid_of(places[:-1]), abs=1e-3)
 
 
+def test_two_heaps_of_points_with_nothing_between_have_no_grid():
+    assert grid_of(np.concatenate([np.zeros((50, 2)), np.full((50, 2), 400.0)])) == 0.0
+
+
 def test_the_shipped_judge_tells_a_wall_from_a_pillar_from_a_cabinet():
     """Each as its clues are where nothing is in doubt."""
 

@@ -157,7 +157,7 @@ def test_rubbish_is_one_line(tmp_path, ending, content):
 
 
 def test_what_is_pickled_is_never_unpickled(tmp_path):
-    np.save(tmp_path / "a.npy", np.array([{"a": 1}], object), allow_pickle=True)
+    np.save(tmp_path / "a.npy", np.array([{"a": 1}], object))
     np.savez(tmp_path / "a.npz", points=np.array([{"a": 1}], object))
     for name in ("a.npy", "a.npz"):
         with pytest.raises(InputError, match="expected"):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import re
 
 import numpy as np
 import pytest
@@ -186,26 +187,26 @@ def local(points, pose):
     return (points - pose[:3]) @ rotation
 
 
-def refused(call, *words):
+def refusal(call):
+    """What is said of a cloud that is refused: one line, which names the way out."""
     with pytest.raises(InputError) as caught:
         call()
     message = str(caught.value)
     assert "\n" not in message and "--pose" in message
-    for word in words:
-        assert word in message, message
+    return message
 
 
 def test_points_that_no_single_scan_can_see_are_refused():
     points, pose = scans("thesis")[0]
     behind = pose[:3] + 1.6 * (points[::2] - pose[:3])
-    refused(lambda: estimate(np.vstack([points, behind])), "hidden behind others", "%")
+    assert re.search(r"\d%.*hidden behind others", refusal(lambda: estimate(np.vstack([points, behind]))))
 
 
 def test_a_wall_alone_is_refused_for_it_looks_alike_from_behind():
     rng = np.random.default_rng(0)
     wide, high = 3.0 * np.tan(np.radians([40.0, 27.5]))
     wall = np.column_stack([np.full(5000, 3.0), rng.uniform(-wide, wide, 5000), rng.uniform(-high, high, 5000)])
-    refused(lambda: estimate(wall), "two places", "6 m apart", "fit alike")
+    assert re.search(r"two places, .*6 m apart, .*fit alike", refusal(lambda: estimate(wall)))
 
 
 def test_clouds_that_fill_no_view_are_refused():
@@ -219,17 +220,18 @@ def test_clouds_that_fill_no_view_are_refused():
     left = local(points, pose)[:, 1]
     half = points[left > 0.0]
     for cloud in (sphere, shell * [10.0, 8.0, 3.0], half, np.linspace([0, 0, 0], [1, 2, 3], 500)):
-        refused(lambda cloud=cloud: estimate(cloud), "edges of a view of 80 x 55 degrees", "%")
+        said = refusal(lambda cloud=cloud: estimate(cloud))
+        assert "edges of a view of 80 x 55 degrees" in said and "%" in said
 
 
 def test_unusable_points_are_refused():
     points = np.random.default_rng(0).uniform(size=(1000, 3))
-    refused(lambda: estimate(points[:10]), "at least 200", "got 10")
-    refused(lambda: estimate(points[:0]), "at least 200", "got 0")
-    refused(lambda: estimate(np.ones((1000, 3))), "different points", "got 1")
+    assert re.search("at least 200.*got 10", refusal(lambda: estimate(points[:10])))
+    assert re.search("at least 200.*got 0", refusal(lambda: estimate(points[:0])))
+    assert re.search("different points.*got 1", refusal(lambda: estimate(np.ones((1000, 3)))))
     points[7] = np.nan
     points[8, 0] = np.inf
-    refused(lambda: estimate(points), "2 of 1000 points", "NaN")
+    assert re.search("2 of 1000 points.*NaN", refusal(lambda: estimate(points)))
 
 
 def test_impossible_arguments_are_refused():
