@@ -1,69 +1,14 @@
 """Walls and pillars of scanned rooms whose every object is known: found where they stand, and nothing else."""
 
-import dataclasses
-
 import numpy as np
 import pytest
+from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, slab, wall
 
 from jaxmm.box_match import match_boxes
 from jaxmm.boxes import Box
-from jaxmm.object_candidates import candidates_of
-from jaxmm.object_pieces import Piece
-from jaxmm.object_shapes import face_through
-from jaxmm.object_sight import Patch, Sight, crossings
-from jaxmm.object_solids import SolidSettings, solid_of
 from jaxmm.object_walls import KnownSizes
-from jaxmm.objects import Judged, ObjectSettings, examine, find_objects
-from warp_scanner.points import points_of
-from warp_scanner.scenes import BOX, CYLINDER, Tags, join, solids
-from warp_scanner.sense import cast
-from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose
-from warp_scanner.voxels import thin_clouds
-
-FLOOR, CEILING = 0.0, 3.0
-SENSOR = (0.0, 0.0, 1.4)  # looks along x; the room reaches from -5 to 5
-
-
-def slab(x, y, low, high, yaw=0.0, kind=BOX, element=1):
-    """A primitive as a table of one room: centre and full edges in plan, lowest and highest z."""
-    (cx, sx), (cy, sy) = x, y
-    center, half = [cx, cy, (low + high) / 2], [sx / 2, sy / 2, (high - low) / 2]
-    one = [np.full((1, 1), value, np.float32) for value in (*center, *half)]
-    return solids(np.ones((1, 1), bool), one[:3], one[3:], np.full((1, 1), np.radians(yaw)), Tags(kind, element, 3))
-
-
-SHELL = (
-    slab((0, 10), (0, 10), -0.1, 0.0, element=0), slab((0, 10), (0, 10), 3.0, 3.1, element=0),
-    slab((5.05, 0.1), (0, 10), 0, 3, element=0), slab((-5.05, 0.1), (0, 10), 0, 3, element=0),
-    slab((0, 10), (5.05, 0.1), 0, 3, element=0), slab((0, 10), (-5.05, 0.1), 0, 3, element=0),
-)  # fmt: skip
-
-
-def pillar(x, y, width, yaw=0.0, kind=BOX, high=CEILING):
-    return slab((x, width), (y, width), FLOOR, high, yaw, kind)
-
-
-def wall(x, y, length, thickness, yaw, high=CEILING):
-    return slab((x, length), (y, thickness), FLOOR, high, yaw)
-
-
-def judged(*changed, others=(), poses=((*SENSOR, 0.0),), noise=0.0):
-    """Scans of the room with changed things and others, the former with probability 0.95."""
-    scene = join(*SHELL, *changed, *(other._replace(element=np.full((1, 1), 2, np.int32)) for other in others))
-    points, element, scan = [], [], []
-    for number, (x, y, z, yaw) in enumerate(poses):
-        pose = Pose(np.array([[x, y, z]], np.float32), np.array([yaw], np.float32), np.zeros(1, np.float32))
-        seen = cast(scene, None, OAK_D_PRO_SMALL, pose)
-        rng = np.random.default_rng(number)
-        ranges = seen.distance + noise * rng.standard_normal(seen.distance.shape).astype(np.float32)
-        cloud = points_of(pose, OAK_D_PRO_SMALL.directions(), ranges)[0]
-        (kept,) = thin_clouds([cloud], 0.1)
-        points.append(cloud[kept]), element.append(seen.element[0, kept]), scan.append(np.full(len(kept), number))
-    points, new = np.concatenate(points), np.concatenate(element) == 1
-    sensors = np.array([pose[:3] for pose in poses])
-    probability = np.where(new, 0.95, 0.02)
-    apart = np.where(new, 1.0, 0.0)
-    return Judged(points, probability, probability, apart, sensors, FLOOR, CEILING, np.concatenate(scan))
+from jaxmm.objects import Judged, ObjectSettings, find_objects
+from warp_scanner.scenes import BOX, CYLINDER
 
 
 def only(found, object_type):
@@ -246,46 +191,9 @@ def test_two_pillars_in_line_behind_a_third_are_no_wall(second):
     assert [one.box.object_type for one in found] == ["pillar", "pillar"]
 
 
-def test_two_walls_that_meet_make_none_as_thick_as_they_are_long():
-    seen = judged(wall(3.2, 0.45, 1.3, 0.2, 50), wall(3.2, -0.45, 1.3, 0.2, -50))
-    examined = examine(seen, ObjectSettings())
-    solids = [solid_of(examined.sight, one, True, ObjectSettings(), KnownSizes()) for one in examined.candidates]
-    assert solids and all(min(solid.edges) <= ObjectSettings().most_thickness + 1e-6 for solid in solids)
-
-
-def test_what_several_scans_see_alike_has_the_clues_of_what_one_sees():
-    """A scan that is given twice doubles its points, and tells nothing more of lengths, counts and surroundings."""
-    once = judged(pillar(3.0, 0.3, 0.7, 40), wall(3.6, -1.4, 2.0, 0.2, 80))
-    twice = judged(
-        pillar(3.0, 0.3, 0.7, 40), wall(3.6, -1.4, 2.0, 0.2, 80), poses=((*SENSOR, 0.0), (1e-6, *SENSOR[1:], 0.0))
-    )
-    clues = [examine(seen, ObjectSettings()).clues for seen in (once, twice)]
-    assert len(twice.points) > 1.9 * len(once.points)
-    np.testing.assert_allclose(*(np.sort(one, axis=0) for one in clues), atol=0.06)
-
-
 def test_what_stands_half_a_metre_from_a_wall_in_its_line_is_not_of_it_if_one_looks_between_them():
     seen = judged(wall(3.0, -0.9, 2.0, 0.2, 90), pillar(3.05, 0.75, 0.4))
     assert sorted(one.box.object_type for one in find_objects(seen)) == ["pillar", "wall"]
-
-
-def test_an_end_of_a_wall_that_has_more_points_than_the_wall_belongs_to_it():
-    rng = np.random.default_rng(0)
-
-    def piece(start, end, count, first):
-        members = np.arange(first, first + count)
-        points[members, :2] = np.linspace(start, end, count)
-        points[members, 2] = rng.uniform(0.2, 2.8, count)
-        return Piece(members, face_through(points[:, :2], members), None, 0, SENSOR)
-
-    points = np.zeros((100, 3))
-    pillar_face = piece([3.0, -2.0], [3.0, -1.6], 40, 0)
-    end, face = piece([2.0, 1.0], [2.2, 1.0], 35, 40), piece([2.0, 1.0], [2.0, 3.0], 25, 75)
-    sight = Sight(points, np.tile(SENSOR, (100, 1)), FLOOR, CEILING)
-    settings = SolidSettings()
-    (one,) = [one for one in candidates_of(sight, [pillar_face, end, face], settings) if 45 in one.members]
-    solid = solid_of(sight, one, True, settings, KnownSizes())
-    assert set(solid.members) == set(range(40, 100)) and solid.edges[1] == pytest.approx(0.2, abs=0.02)
 
 
 def test_a_wall_whose_thickness_does_not_show_is_no_thicker_than_one_looks_past_it():
@@ -310,46 +218,3 @@ def test_what_fills_a_wall_up_to_a_beam_ends_at_the_beam():
     beam = slab((3.5, 0.2), (0.0, 3.0), 2.4, 3.0)
     box = only(find_objects(judged(slab((3.5, 0.2), (0.0, 3.0), 0.0, 2.4), others=(beam,))), "wall")
     assert box.center[2] + box.dimensions[2] / 2 == pytest.approx(2.4, abs=0.1)
-
-
-def test_rays_beyond_before_and_on_a_patch_are_told_apart():
-    points = np.array([[4.0, 0.0, 1.0], [2.0, 0.1, 1.0], [1.0, 0.0, 1.0], [4.0, 3.0, 1.0], [4.0, 0.0, 9.0], [-4, 0, 1]])
-    sight = Sight(points, np.tile([0.0, 0.0, 1.0], (6, 1)), 0.0, 3.0)
-    patch = Patch(np.array([2.0, -0.5]), np.array([2.0, 0.5]), 0.0, 3.0)
-    assert crossings(sight, patch, 0.05) == (1, 1, 1)
-    assert crossings(sight, patch._replace(low=1.5), 0.05).total == 0
-    assert crossings(sight, Patch(patch.start, patch.start, 0.0, 3.0), 0.05).total == 0
-
-
-@pytest.mark.parametrize(
-    "change, message",
-    [
-        ({"points": np.zeros((4, 2))}, r"points must be \(N, 3\), got \(4, 2\)"),
-        ({"points": np.full((4, 3), np.nan)}, "must be finite"),
-        ({"pillar": np.zeros(3)}, r"pillar must be \(4,\), got \(3,\)"),
-        ({"wall": np.full(4, 1.5)}, r"must lie in \[0, 1\]"),
-        ({"wall": np.full(4, np.nan)}, r"must lie in \[0, 1\]"),
-        ({"sensor": np.zeros(3)}, "sensor must be"),
-        ({"apart": np.full(4, np.nan)}, "apart must not be negative or NaN"),
-        ({"scan": np.array([0, 0, 0, 3])}, r"scan must be \(4,\) of 0 to 0"),
-        ({"scan": np.zeros(3, int)}, r"scan must be \(4,\) of 0 to 0, got \(3,\)"),
-        ({"floor": 3.0}, "floor must lie below ceiling, got 3.0 and 3.0"),
-    ],
-)
-def test_bad_input_is_named(change, message):
-    good = Judged(np.zeros((4, 3)), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros((1, 3)), 0.0, 3.0)
-    with pytest.raises(ValueError, match=message):
-        find_objects(good._replace(**change))
-
-
-@pytest.mark.parametrize(
-    "change, message",
-    [
-        ({"threshold": 1.5}, r"threshold must lie in \[0, 1\]"),
-        ({"hidden_gap": -1.0}, "hidden_gap must not be negative"),
-        ({"link": 0.0}, "link and tolerance must be positive"),
-    ],
-)
-def test_bad_settings_are_named(change, message):
-    with pytest.raises(ValueError, match=message):
-        dataclasses.replace(ObjectSettings(), **change)

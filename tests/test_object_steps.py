@@ -1,0 +1,95 @@
+"""The steps from points to objects, one by one: what each makes of what it is given, and what it refuses."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, wall
+
+from jaxmm.object_candidates import candidates_of
+from jaxmm.object_pieces import Piece
+from jaxmm.object_shapes import face_through
+from jaxmm.object_sight import Patch, Sight, crossings
+from jaxmm.object_solids import SolidSettings, solid_of
+from jaxmm.object_walls import KnownSizes
+from jaxmm.objects import Judged, ObjectSettings, examine, find_objects
+
+
+def test_two_walls_that_meet_make_none_as_thick_as_they_are_long():
+    seen = judged(wall(3.2, 0.45, 1.3, 0.2, 50), wall(3.2, -0.45, 1.3, 0.2, -50))
+    examined = examine(seen, ObjectSettings())
+    solids = [solid_of(examined.sight, one, True, ObjectSettings(), KnownSizes()) for one in examined.candidates]
+    assert solids and all(min(solid.edges) <= ObjectSettings().most_thickness + 1e-6 for solid in solids)
+
+
+def test_what_several_scans_see_alike_has_the_clues_of_what_one_sees():
+    """A scan that is given twice doubles its points, and tells nothing more of lengths, counts and surroundings."""
+    once = judged(pillar(3.0, 0.3, 0.7, 40), wall(3.6, -1.4, 2.0, 0.2, 80))
+    twice = judged(
+        pillar(3.0, 0.3, 0.7, 40), wall(3.6, -1.4, 2.0, 0.2, 80), poses=((*SENSOR, 0.0), (1e-6, *SENSOR[1:], 0.0))
+    )
+    clues = [examine(seen, ObjectSettings()).clues for seen in (once, twice)]
+    assert len(twice.points) > 1.9 * len(once.points)
+    np.testing.assert_allclose(*(np.sort(one, axis=0) for one in clues), atol=0.06)
+
+
+def test_an_end_of_a_wall_that_has_more_points_than_the_wall_belongs_to_it():
+    rng = np.random.default_rng(0)
+
+    def piece(start, end, count, first):
+        members = np.arange(first, first + count)
+        points[members, :2] = np.linspace(start, end, count)
+        points[members, 2] = rng.uniform(0.2, 2.8, count)
+        return Piece(members, face_through(points[:, :2], members), None, 0, SENSOR)
+
+    points = np.zeros((100, 3))
+    pillar_face = piece([3.0, -2.0], [3.0, -1.6], 40, 0)
+    end, face = piece([2.0, 1.0], [2.2, 1.0], 35, 40), piece([2.0, 1.0], [2.0, 3.0], 25, 75)
+    sight = Sight(points, np.tile(SENSOR, (100, 1)), FLOOR, CEILING)
+    settings = SolidSettings()
+    (one,) = [one for one in candidates_of(sight, [pillar_face, end, face], settings) if 45 in one.members]
+    solid = solid_of(sight, one, True, settings, KnownSizes())
+    assert set(solid.members) == set(range(40, 100)) and solid.edges[1] == pytest.approx(0.2, abs=0.02)
+
+
+def test_rays_beyond_before_and_on_a_patch_are_told_apart():
+    points = np.array([[4.0, 0.0, 1.0], [2.0, 0.1, 1.0], [1.0, 0.0, 1.0], [4.0, 3.0, 1.0], [4.0, 0.0, 9.0], [-4, 0, 1]])
+    sight = Sight(points, np.tile([0.0, 0.0, 1.0], (6, 1)), 0.0, 3.0)
+    patch = Patch(np.array([2.0, -0.5]), np.array([2.0, 0.5]), 0.0, 3.0)
+    assert crossings(sight, patch, 0.05) == (1, 1, 1)
+    assert crossings(sight, patch._replace(low=1.5), 0.05).total == 0
+    assert crossings(sight, Patch(patch.start, patch.start, 0.0, 3.0), 0.05).total == 0
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"points": np.zeros((4, 2))}, r"points must be \(N, 3\), got \(4, 2\)"),
+        ({"points": np.full((4, 3), np.nan)}, "must be finite"),
+        ({"pillar": np.zeros(3)}, r"pillar must be \(4,\), got \(3,\)"),
+        ({"wall": np.full(4, 1.5)}, r"must lie in \[0, 1\]"),
+        ({"wall": np.full(4, np.nan)}, r"must lie in \[0, 1\]"),
+        ({"sensor": np.zeros(3)}, "sensor must be"),
+        ({"apart": np.full(4, np.nan)}, "apart must not be negative or NaN"),
+        ({"scan": np.array([0, 0, 0, 3])}, r"scan must be \(4,\) of 0 to 0"),
+        ({"scan": np.zeros(3, int)}, r"scan must be \(4,\) of 0 to 0, got \(3,\)"),
+        ({"floor": 3.0}, "floor must lie below ceiling, got 3.0 and 3.0"),
+    ],
+)
+def test_bad_input_is_named(change, message):
+    good = Judged(np.zeros((4, 3)), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros((1, 3)), 0.0, 3.0)
+    with pytest.raises(ValueError, match=message):
+        find_objects(good._replace(**change))
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"threshold": 1.5}, r"threshold must lie in \[0, 1\]"),
+        ({"hidden_gap": -1.0}, "hidden_gap must not be negative"),
+        ({"link": 0.0}, "link and tolerance must be positive"),
+    ],
+)
+def test_bad_settings_are_named(change, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(ObjectSettings(), **change)
