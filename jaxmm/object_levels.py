@@ -10,7 +10,7 @@ from jaxmm.object_sight import LEAST_RAYS, Patch, Sight, crossings
 from jaxmm.object_walls import Solid
 
 WITHIN = 0.7  # of a front's width: rays past its edges tell nothing
-ENDS = 0.5  # share of the rays past an object's end, which meet something else there or go on
+ENDS = 0.5  # share of the rays past an object's end which meet something else there or go on
 
 
 def levels_of(sight: Sight, solid: Solid, settings: PieceSettings) -> tuple[float, float]:
@@ -23,26 +23,27 @@ def levels_of(sight: Sight, solid: Solid, settings: PieceSettings) -> tuple[floa
     """
     z = sight.points[solid.members, 2]
     low, high = float(z.min()), float(z.max())
-    start, end = _front(sight, solid)
+    start, end, depth = _front(sight, solid)
     levels = []
     for surface, seen, bottom, top in (
         (sight.floor, low, sight.floor, low),
         (sight.ceiling, high, high, sight.ceiling),
     ):
         patch = Patch(start, end, bottom + settings.rim, top - settings.rim)
-        found = crossings(sight, patch, settings.tolerance)
+        found = crossings(sight, patch, settings.tolerance + depth / 2)  # a shaft lies behind its front
         ends = top - bottom > settings.in_line and found.total >= LEAST_RAYS
         levels.append(seen if ends and found.on + found.beyond > ENDS * found.total else surface)
     return levels[0], levels[1]
 
 
-def _front(sight: Sight, solid: Solid) -> tuple[np.ndarray, np.ndarray]:
-    """Both ends (2,) [m] of the middle of the side that faces the sensor."""
+def _front(sight: Sight, solid: Solid) -> tuple[np.ndarray, np.ndarray, float]:
+    """Both ends (2,) [m] of the middle of the side that faces the sensor, and how deep the object is behind it [m]."""
     toward = np.median(sight.origin[solid.members, :2], axis=0) - solid.center
-    axes = np.stack([solid.along, [-solid.along[1], solid.along[0]]])
+    along = toward / max(float(np.linalg.norm(toward)), 1e-6) if solid.shape == "round" else solid.along
+    axes = np.stack([along, [-along[1], along[0]]])
     ahead = axes @ toward / np.maximum(solid.edges, 1e-3)
     # A wall's side, however slantwise it is seen; a pillar's face that is turned to the sensor most.
     front = int(np.argmin(solid.edges)) if solid.object_type == "wall" else int(np.argmax(np.abs(ahead)))
     middle = solid.center + axes[front] * np.sign(ahead[front]) * solid.edges[front] / 2
     half = axes[1 - front] * solid.edges[1 - front] / 2 * WITHIN
-    return middle - half, middle + half
+    return middle - half, middle + half, float(solid.edges[front])

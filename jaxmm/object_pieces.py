@@ -21,7 +21,7 @@ class PieceSettings:
     link: float = 0.35  # points closer than this, heights halved, are of one cluster
     neighbours: int = 4  # that a point within a cluster has, itself included
     least_points: int = 10  # of a piece
-    least_height: float = 0.4  # from the lowest to the highest point of a piece
+    least_height: float = 0.25  # from the lowest to the highest point of a piece
     furniture_height: float = 2.25  # what is seen no higher above the floor may be furniture; nothing higher is
     tolerance: float = 0.05  # of a point from the face or the circle that it lies on
     run_gap: float = 0.5  # most between neighbours of one face
@@ -33,6 +33,7 @@ class PieceSettings:
     least_gap: float = 0.1  # to ceiling or floor, through which one can look
     beside: float = 0.2  # most between two sides of one thing
     step_up: float = 0.15  # most of one side's top above the other's
+    lower: float = 0.3  # least of what stands beside a thing in one line with it, and is none of it, below its top
     arc: float = 1.2  # [rad] least that is seen of a circle
     radius: tuple[float, float] = (0.05, 1.0)
 
@@ -81,6 +82,7 @@ def upright(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[
 
     What stands right beside a piece that does not, and is no higher, is another side of the same thing.
     """
+    pieces = [_trimmed(sight, piece, settings) for piece in pieces]
     fits = [_may_be_upright(sight, piece, settings) for piece in pieces]
     low = [piece for piece, fit in zip(pieces, fits, strict=True) if not fit]
     passed = [piece for piece, fit in zip(pieces, fits, strict=True) if fit]
@@ -152,6 +154,25 @@ def _round(places: np.ndarray, faces: list[Face], settings: PieceSettings) -> Ci
         place, beside = (places - face.center) @ face.along, (places - face.center) @ face.across
         straight = np.minimum(straight, np.hypot(beside, np.maximum(np.abs(place) - face.length / 2, 0.0)))
     return circle if np.sum(off**2) < 0.6 * np.sum(straight**2) and circle.on.mean() > 0.6 else None
+
+
+def _trimmed(sight: Sight, piece: Piece, settings: PieceSettings) -> Piece:
+    """A face without what is lower at either end of it and looked over: furniture in one line with it."""
+    if piece.face is None:
+        return piece
+    for way in (-1.0, 1.0):
+        place = (sight.points[piece.members, :2] - piece.face.center) @ piece.face.along * way
+        z = sight.points[piece.members, 2]
+        edge = float(place[z > z.max() - settings.lower].max())  # beyond it all is lower
+        beyond = place > edge
+        if beyond.sum() < settings.neighbours or (~beyond).sum() < settings.least_points:
+            continue
+        start, end = (piece.face.center + way * one * piece.face.along for one in (edge, place.max()))
+        patch = Patch(start, end, float(z[beyond].max()) + settings.rim, sight.ceiling - settings.rim)
+        if crossings(sight, patch, settings.tolerance).free > settings.free:
+            members = piece.members[~beyond]
+            piece = piece._replace(members=members, face=face_through(sight.points[:, :2], members))
+    return piece
 
 
 def _may_be_upright(sight: Sight, piece: Piece, settings: PieceSettings) -> bool:

@@ -57,9 +57,23 @@ def sensors_of(points: np.ndarray, sensors: np.ndarray, scan: np.ndarray | None)
 
 def crossings(sight: Sight, patch: Patch, margin: float) -> Crossings:
     """Where rays that head for a patch end: more than a margin [m] beyond its plane, before it, or on it."""
+    return crossings_along(sight, patch, margin, 1)[0]
+
+
+def crossings_along(sight: Sight, patch: Patch, margin: float, parts: int) -> list[Crossings]:
+    """The same of each of some equal parts of a patch, from its start to its end."""
+    place, past = _heading(sight, patch)
+    part = np.minimum((place * parts).astype(int), parts - 1)
+    ended = (past > margin, np.abs(past) <= margin, past < -margin)
+    counts = np.stack([np.bincount(part[one], minlength=parts) for one in ended], axis=1)
+    return [Crossings(*map(int, one)) for one in counts]
+
+
+def _heading(sight: Sight, patch: Patch) -> tuple[np.ndarray, np.ndarray]:
+    """Of the rays that head for a patch: where along it, from 0 to 1, and how far [m] beyond its plane they end."""
     length = float(np.linalg.norm(patch.end - patch.start))
     if length < 1e-6 or patch.high <= patch.low:
-        return Crossings(0, 0, 0)
+        return np.zeros(0), np.zeros(0)
     along = (patch.end - patch.start) / length
     across = np.array([-along[1], along[0]])
     offset = sight.points - sight.origin
@@ -69,6 +83,4 @@ def crossings(sight: Sight, patch: Patch, margin: float) -> Crossings:
         place = (sight.origin[:, :2] + part[:, None] * offset[:, :2] - patch.start) @ along
         z = sight.origin[:, 2] + part * offset[:, 2]
         heads = (part > 0.0) & (place >= 0.0) & (place <= length) & (z >= patch.low) & (z <= patch.high)
-    past = (np.abs(reach) - np.abs(height))[heads]
-    beyond, before = int(np.sum(past > margin)), int(np.sum(past < -margin))
-    return Crossings(beyond, len(past) - beyond - before, before)
+    return place[heads] / length, (np.abs(reach) - np.abs(height))[heads]

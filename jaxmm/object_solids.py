@@ -11,7 +11,7 @@ from jaxmm.object_candidates import LEAST_SIDE, Candidate, CandidateSettings
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import face_through, outside, rectangle_along, upright_along
 from jaxmm.object_sight import Sight
-from jaxmm.object_walls import KnownSizes, Solid, reach, wall_behind, wall_end_on
+from jaxmm.object_walls import KnownBuilding, Solid, reach, wall_behind, wall_end_on
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +23,7 @@ class SolidSettings(CandidateSettings):
 
 
 def solid_of(
-    sight: Sight, candidate: Candidate, is_wall: bool, settings: SolidSettings, known: KnownSizes
+    sight: Sight, candidate: Candidate, is_wall: bool, settings: SolidSettings, known: KnownBuilding
 ) -> Solid | None:
     """The wall or pillar of which a candidate is what one sees; None where that tells nothing of its shape.
 
@@ -61,7 +61,7 @@ def without_splinters(sight: Sight, solids: list[Solid], settings: SolidSettings
     return kept
 
 
-def _wall(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownSizes) -> Solid | None:
+def _wall(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownBuilding) -> Solid | None:
     if candidate.first.circle is not None:  # the edge of a wall, whose two sides passed for a shaft
         face = face_through(sight.points[:, :2], candidate.members)
         return wall_end_on(candidate.first._replace(face=face, circle=None), settings)
@@ -87,14 +87,14 @@ def _ends(sight: Sight, piece: Piece, settings: SolidSettings) -> bool:
     return max(reach(sight, piece, way, settings) for way in (-1.0, 1.0)) < settings.shown
 
 
-def _shaft(piece: Piece, settings: SolidSettings, known: KnownSizes) -> Solid:
+def _shaft(piece: Piece, settings: SolidSettings, known: KnownBuilding) -> Solid:
     width = 2.0 * piece.circle.radius
     fitting = [one for one, _, is_round in known.columns if is_round and abs(one - width) <= settings.fits]
     width = min(fitting, key=lambda one: abs(one - width), default=width)
     return Solid("pillar", "round", piece.circle.center, np.array([width, width]), np.array([1.0, 0.0]), piece.members)
 
 
-def _front(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownSizes) -> Solid:
+def _front(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownBuilding) -> Solid:
     """A pillar of which one face is seen."""
     first, members = candidate.first, candidate.members
     if (outline := _angled(sight.points[members, :2], first, settings)) is not None:
@@ -118,7 +118,7 @@ def _angled(places: np.ndarray, first: Piece, settings: SolidSettings) -> tuple[
     return center, edges, along
 
 
-def _corner(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownSizes) -> Solid:
+def _corner(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownBuilding) -> Solid:
     """A pillar from two faces that meet."""
     first, members = candidate.first, candidate.members
     thin, side = sorted((first, candidate.crossing), key=lambda piece: piece.face.length)
@@ -134,7 +134,7 @@ def _corner(sight: Sight, candidate: Candidate, settings: SolidSettings, known: 
     return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), along, members)
 
 
-def _depth(width: float, settings: SolidSettings, known: KnownSizes) -> float:
+def _depth(width: float, settings: SolidSettings, known: KnownBuilding) -> float:
     """Depth [m] of a pillar of which one face is seen: square, unless its building has a column with such a face."""
     sections = [(a, b) for a, b, is_round in known.columns if not is_round]
     sections += [(b, a) for a, b in sections]
@@ -143,7 +143,7 @@ def _depth(width: float, settings: SolidSettings, known: KnownSizes) -> float:
     return min(fitting, key=lambda section: abs(section[0] - width), default=unknown)[1]
 
 
-def _fitting(edges: np.ndarray, settings: SolidSettings, known: KnownSizes) -> np.ndarray:
+def _fitting(edges: np.ndarray, settings: SolidSettings, known: KnownBuilding) -> np.ndarray:
     """The edges (2,) [m], or those of a known column that they fit."""
     sections = [np.array(turned) for a, b, is_round in known.columns if not is_round for turned in ((a, b), (b, a))]
     fitting = [section for section in sections if np.abs(section - edges).max() <= settings.fits]

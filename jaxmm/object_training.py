@@ -1,6 +1,6 @@
 """Trains the judge of objects on candidates of generated rooms.
 
-    python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors [--rooms 10000]
+    python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors [--rooms 20000]
 
 K candidates, F clues. What each of them is, is known: the true object whose box holds most of its points. Rooms are of
 both kinds, with and without furniture, with one change, several or none, walls free or against others; priors are
@@ -25,7 +25,7 @@ from jaxmm.detect_files import read_judges
 from jaxmm.detection import look_at
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges
-from jaxmm.mismatches import judged_side
+from jaxmm.mismatches import judged_side, known_near
 from jaxmm.object_clues import CLUES
 from jaxmm.object_judge import KINDS, ObjectJudge, judge_objects, save_judge
 from jaxmm.object_shapes import outside
@@ -125,7 +125,8 @@ def _examples_of_room(case: RoomCase, judges: Judges, of_cloud: bool) -> Example
         judged = judged_side([looked], change)
         if not len(judged.points):
             continue
-        examined, truth = examine(judged, ObjectSettings()), true_boxes(case.pairs, case.row, sign)[0]
+        examined = examine(judged, ObjectSettings(), known_near(prior, judged.sensor).grid)
+        truth = true_boxes(case.pairs, case.row, sign)[0]
         kind = [kind_of(examined.sight.points[one.members], truth) for one in examined.candidates]
         parts.append(Examples(examined.clues, np.array(kind, np.int64)))
     return _joined(parts)
@@ -182,6 +183,6 @@ def main(out: Path, rooms: int) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE")
-    parser.add_argument("--rooms", type=int, default=10_000, metavar="N")
+    parser.add_argument("--rooms", type=int, default=20_000, metavar="N")
     asked = parser.parse_args()
     main(asked.out, asked.rooms)

@@ -9,14 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.object_pieces import Piece, PieceSettings
-from jaxmm.object_sight import Patch, Sight, crossings
+from jaxmm.object_sight import Crossings, Patch, Sight, crossings, crossings_along
 
 
-class KnownSizes(NamedTuple):
-    """What the building is made of, as its prior says."""
+class KnownBuilding(NamedTuple):
+    """What is usual in the building, as its prior says."""
 
-    walls: tuple[float, ...] = ()  # thicknesses [m], one for each wall
+    walls: tuple[float, ...] = ()  # the different thicknesses [m] of its walls
     columns: tuple[tuple[float, float, bool], ...] = ()  # width and depth [m], and whether it is round
+    grid: float | None = None  # [rad] direction along and across which most of it stands
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,6 +29,7 @@ class WallSettings(PieceSettings):
     most_thickness: float = 0.42
     usual_length: float = 2.0  # to which a wall is made up where it may go on unseen
     hidden_end: float = 3.0  # beyond the end of a face, as far as it is looked for
+    around_sensor: float = 0.3  # in plan, within which the robot itself stands
     shown: float = 0.2  # a face ends where one sees, within this, that it does not go on
     fits: float = 0.06  # of a size from a known one, to be that
     corner: float = 0.25  # most between what meets
@@ -73,7 +75,7 @@ def wall_behind(
     # A pillar before the wall, say, is none of its length.
     place = (offset @ face.along)[np.abs(depth) <= settings.most_thickness]
     low, high = float(place.min()), float(place.max())
-    before, after = _made_up(high - low, [reach(sight, wall, way, settings) for way in (-1.0, 1.0)], settings)
+    before, after = _made_up(high - low, [_hidden(sight, wall, way, settings) for way in (-1.0, 1.0)], settings)
     low, high = low - before, high + after
     center = face.center + face.along * (low + high) / 2 - wall.toward * thickness / 2
     return Solid("wall", "rectangular", center, np.array([high - low, thickness]), face.along, members)
@@ -89,18 +91,39 @@ def wall_end_on(piece: Piece, settings: WallSettings) -> Solid:
 def reach(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> float:
     """How much further [m] a face may go on at one end (`way` -1 or 1) before one sees that it does not.
 
-    Infinite where that is out of view, or too far away.
+    Infinite where that is out of view, or too far away. Right before the sensor nothing goes on: a robot stands there.
     """
-    end, along = piece.face.ends[0 if way < 0 else 1], way * piece.face.along
-    for number in range(round(settings.hidden_end / STEP)):
-        near = end + along * (0.05 + number * STEP)
-        patch = Patch(near, near + along * STEP, sight.floor + settings.rim, sight.ceiling - settings.rim)
-        found = crossings(sight, patch, settings.tolerance)
-        if found.total == 0:
-            return np.inf
-        if found.beyond > 0.3 * found.total or found.on > 0.5 * found.total:
-            return number * STEP
-    return np.inf
+    to_sensor = piece.origin[:2] - _end(piece, way)
+    ahead, beside = way * to_sensor @ piece.face.along, abs(to_sensor @ piece.face.across)
+    if 0.0 < ahead < 2 * settings.around_sensor and beside < settings.around_sensor:
+        return 0.0
+    found = _steps_beyond(sight, piece, way, settings)
+    return next((number * STEP for number, one in enumerate(found) if _shows_the_end(one)), np.inf)
+
+
+def _hidden(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> float:
+    """`reach`, where something hides all of it; infinite where nobody looks at some of it."""
+    further = reach(sight, piece, way, settings)
+    if not np.isfinite(further):
+        return further
+    found = _steps_beyond(sight, piece, way, settings)[: round(further / STEP)]
+    return further if all(one.total for one in found) else np.inf
+
+
+def _steps_beyond(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> list[Crossings]:
+    steps = round(settings.hidden_end / STEP)
+    near = _end(piece, way) + way * piece.face.along * settings.tolerance
+    far = near + way * piece.face.along * steps * STEP
+    patch = Patch(near, far, sight.floor + settings.rim, sight.ceiling - settings.rim)
+    return crossings_along(sight, patch, settings.tolerance, steps)
+
+
+def _end(piece: Piece, way: float) -> np.ndarray:
+    return piece.face.ends[0 if way < 0 else 1]
+
+
+def _shows_the_end(found: Crossings) -> bool:
+    return found.beyond > 0.3 * found.total or found.on > 0.5 * found.total
 
 
 def seen_thin(sight: Sight, piece: Piece, settings: WallSettings) -> bool:
@@ -123,8 +146,12 @@ def _fitting(seen: float, settings: WallSettings, known: tuple[float, ...]) -> f
 
 
 def _unseen(sight: Sight, wall: Piece, settings: WallSettings, known: tuple[float, ...]) -> float:
-    """A thickness [m] of which nothing is seen: the middle one of the known, thinner if one looks through it."""
-    usual = sorted(known)[len(known) // 2] if known else settings.thickness
+    """A thickness [m] of which nothing is seen: the usual one, or a thinner one where one looks through that.
+
+    Usual is the middle one of those known and what is usual elsewhere: a prior may know no more than its outer walls.
+    """
+    every = sorted((*known, settings.thickness))
+    usual = every[len(every) // 2]
     thinner = {one for one in known if settings.least_thickness < one < usual}
     for thickness in sorted(thinner | {usual}, reverse=True):
         if not any(_looked_through(sight, wall, end, thickness, settings) for end in wall.face.ends):

@@ -7,19 +7,20 @@ end below the ceiling, is furniture, whatever its points look like.
 """
 
 import dataclasses
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxmm.boxes import Box
 from jaxmm.object_candidates import Candidate, candidates_of
-from jaxmm.object_clues import CLUES, ONTO, Opinions, clues_of, grid_of
+from jaxmm.object_clues import CLUES, ONTO, Opinions, clues_of
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.object_levels import levels_of
 from jaxmm.object_pieces import joined, pieces_of, upright
 from jaxmm.object_sight import Sight, sensors_of
 from jaxmm.object_solids import SolidSettings, solid_of, without_splinters
-from jaxmm.object_walls import KnownSizes, Solid
+from jaxmm.object_walls import KnownBuilding, Solid
 
 
 class Judged(NamedTuple):
@@ -54,7 +55,7 @@ class Found(NamedTuple):
 class ObjectSettings(SolidSettings):
     """How points become objects; chosen on validation rooms, as were the settings of the steps. Lengths in metres."""
 
-    threshold: float = 0.3  # a point is looked at from this probability on; whether its object is real is told by all
+    threshold: float = 0.08  # a point is looked at from this probability on; whether its object is real is told by all
     least_apart: float = 0.0  # points closer to the other side's surface are none of an object
     surface_margin: float = 0.05  # points this near to floor or ceiling are none either
     rarer: float = 4.0  # how many times rarer changes are than in the rooms that the judge of objects learnt from
@@ -73,16 +74,18 @@ class ObjectSettings(SolidSettings):
 def find_objects(
     judged: Judged,
     settings: ObjectSettings | None = None,
-    known: KnownSizes | None = None,
+    known: KnownBuilding | None = None,
     judge: ObjectJudge | None = None,
+    allows: Callable[[Found], bool] | None = None,
 ) -> list[Found]:
     """Find the walls and pillars among the points that the networks hold for changed.
 
     Args:
         judged: all points of one side; those that did not change tell where nothing stands.
         settings: by default those that were best in validation rooms.
-        known: wall thicknesses and column sections of the building, taken on where they fit.
+        known: wall thicknesses and column sections of the building, taken on where they fit, and its grid.
         judge: what tells pillars, walls and neither apart; by default the one that is shipped.
+        allows: whether something else, such as the rays, allows an object; one that is not takes no points from others.
 
     Returns:
         Objects, the surest first, unlikely ones too. Their order and content do not depend on the order of the points.
@@ -91,8 +94,8 @@ def find_objects(
         ValueError: shapes that disagree, values that are not finite, probabilities outside [0, 1], or a ceiling that
             is not above the floor.
     """
-    settings, known = settings or ObjectSettings(), known or KnownSizes()
-    sight, candidates, clues = examine(judged, settings)
+    settings, known = settings or ObjectSettings(), known or KnownBuilding()
+    sight, candidates, clues = examine(judged, settings, known.grid)
     share = judge_objects(judge or default_judge(), clues)
     solids = []
     for one, (nothing, pillar, wall) in zip(candidates, share, strict=True):
@@ -100,12 +103,18 @@ def find_objects(
         if solid is not None:
             real = 1.0 - nothing
             solids.append(solid._replace(probability=float(real / (real + settings.rarer * nothing))))
-    found = [Found(_box(sight, solid, settings), solid.members) for solid in without_splinters(sight, solids, settings)]
+    allowed = [one for one in solids if allows is None or allows(_found(sight, one, settings))]
+    found = [_found(sight, one, settings) for one in without_splinters(sight, allowed, settings)]
     return sorted(found, key=lambda one: (-one.box.probability, *one.box.center))
 
 
-def examine(judged: Judged, settings: ObjectSettings) -> Examined:
+def examine(judged: Judged, settings: ObjectSettings, grid: float | None = None) -> Examined:
     """What may be an object, and what tells whether it is one.
+
+    Args:
+        judged: all points of one side.
+        settings: what is a candidate.
+        grid: [rad] the direction that most of the building stands along or across; None where nobody knows.
 
     Raises:
         ValueError: as `find_objects`.
@@ -118,15 +127,14 @@ def examine(judged: Judged, settings: ObjectSettings) -> Examined:
     found = pieces_of(sight, np.flatnonzero(chosen), np.flatnonzero(loose), settings)
     pieces = joined(sight, upright(sight, found, settings), settings)
     candidates = candidates_of(sight, pieces, settings)
-    grid = grid_of(sight.points[~chosen, :2]) if candidates else 0.0
     clues = [clues_of(sight, one, opinions, grid, settings) for one in candidates]
     return Examined(sight, candidates, np.array(clues).reshape(-1, len(CLUES)))
 
 
-def _box(sight: Sight, solid: Solid, settings: ObjectSettings) -> Box:
+def _found(sight: Sight, solid: Solid, settings: ObjectSettings) -> Found:
     low, high = levels_of(sight, solid, settings)
     turn = float(np.degrees(np.arctan2(solid.along[1], solid.along[0])))
-    return Box(
+    box = Box(
         solid.object_type,
         np.array([*solid.center, (low + high) / 2]),
         np.array([*solid.edges, high - low]),
@@ -135,6 +143,7 @@ def _box(sight: Sight, solid: Solid, settings: ObjectSettings) -> Box:
         solid.probability,
         len(solid.members),
     )
+    return Found(box, solid.members)
 
 
 def _checked(judged: Judged) -> tuple[Sight, Opinions]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxmm.inputs import InputError
 from jaxmm.object_shapes import is_round
-from jaxmm.object_solids import KnownSizes
+from jaxmm.object_solids import KnownBuilding
 from jaxmm.report import PriorFile
 from jaxmm.scan_files import READERS, read_scans
 from jaxmm.scan_units import Distance
@@ -34,7 +34,7 @@ class Prior(NamedTuple):
     building: Building | None = None
     scene: TriangleScene | None = None
     cloud: np.ndarray | None = None  # (M, 3) float32 [m] offsets, one a voxel
-    sizes: KnownSizes = KnownSizes()  # of its walls and columns, the most frequent first; a cloud knows none
+    known: KnownBuilding = KnownBuilding()  # of its walls and columns, the most frequent first; a cloud knows none
     file: PriorFile | None = None  # None where it came as arrays
 
     @property
@@ -84,7 +84,7 @@ def kind_of(path: Path) -> str:
 def prior_of_building(building: Building) -> Prior:
     """A building that was read, ready for rays."""
     scene = prepare(building.triangles)
-    return Prior(building.origin, tuple(remarks(building)), building, scene, sizes=_own_sizes(building))
+    return Prior(building.origin, tuple(remarks(building)), building, scene, known=_own_sizes(building))
 
 
 def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:
@@ -110,7 +110,7 @@ def distance_from(prior: Prior) -> Distance:
     return to_surface
 
 
-def _own_sizes(building: Building) -> KnownSizes:
+def _own_sizes(building: Building) -> KnownBuilding:
     """Thicknesses of the walls and sections of the columns."""
     semantic = building.elements.semantic
     walls, columns = (
@@ -119,7 +119,7 @@ def _own_sizes(building: Building) -> KnownSizes:
     thickness = np.round([min(one.size[:2]) for one in walls], 2)
     sections = [(*sorted(np.round(one.size[:2], 2)), is_round(one.triangles.vertices)) for one in columns]
     known = [(a, b, bool(rounded)) for a, b, rounded in _frequent(np.array(sections).reshape(-1, 3))]
-    return KnownSizes(tuple(_frequent(thickness[(thickness > 0.03) & (thickness < 0.6)])), tuple(known))
+    return KnownBuilding(tuple(_frequent(thickness[(thickness > 0.03) & (thickness < 0.6)])), tuple(known))
 
 
 def _frequent(values: np.ndarray) -> list:

@@ -8,7 +8,7 @@ from jaxmm import object_training
 from jaxmm.boxes import Box
 from jaxmm.inputs import InputError
 from jaxmm.object_candidates import candidates_of
-from jaxmm.object_clues import CLUES, Opinions, clues_of, grid_of
+from jaxmm.object_clues import CLUES, Opinions, clues_of
 from jaxmm.object_judge import DEFAULT, KINDS, ObjectJudge, default_judge, judge_objects, load_judge, save_judge
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import Circle, face_through, outside
@@ -95,15 +95,6 @@ def test_trees_whose_parts_disagree_are_refused(wrong, tmp_path):
         load_judge(path)
 
 
-def test_a_stray_point_far_away_costs_the_grid_nothing():
-    places = np.concatenate([np.column_stack([np.linspace(-4, 4, 500), np.zeros(500)]), [[1e7, 3e6]]])
-    assert grid_of(places) == pytest.approx(grid_of(places[:-1]), abs=1e-3)
-
-
-def test_two_heaps_of_points_with_nothing_between_have_no_grid():
-    assert grid_of(np.concatenate([np.zeros((50, 2)), np.full((50, 2), 400.0)])) == 0.0
-
-
 def test_the_shipped_judge_tells_a_wall_from_a_pillar_from_a_cabinet():
     """Each as its clues are where nothing is in doubt."""
 
@@ -156,20 +147,6 @@ def test_clues_of_a_shaft_are_its_diameter_and_arc():
     opinions = Opinions(*np.full((3, 40), 0.5))
     told = dict(zip(CLUES, clues_of(sight, one, opinions, 0.0, SolidSettings()), strict=True))
     assert (told["round"], told["length"], told["arc"]) == pytest.approx((1.0, 0.6, np.pi))
-
-
-@pytest.mark.parametrize("degrees", [0.0, 13.0, 45.0, 71.5, 89.0])
-def test_the_grid_is_the_direction_that_walls_run_along(degrees):
-    rng = np.random.default_rng(3)
-    along = rng.uniform(-4, 4, (2000, 1)) * [1, 0] + [0, 3]
-    across = rng.uniform(-3, 3, (1000, 1)) * [0, 1] + [4, 0]
-    places = np.concatenate([along, across, rng.uniform(-4, 4, (800, 2))]) + rng.normal(0, 0.01, (3800, 2))
-    angle = np.radians(degrees)
-    turned = places @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
-    off = (np.degrees(grid_of(turned)) - degrees) % 90.0
-    assert min(off, 90.0 - off) < 0.5
-    assert grid_of(turned) == grid_of(turned[rng.permutation(len(turned))])
-    assert grid_of(np.zeros((0, 2))) == 0.0
 
 
 def test_a_candidate_is_the_object_in_whose_box_most_of_its_points_lie():

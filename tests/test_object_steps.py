@@ -4,21 +4,23 @@ import dataclasses
 
 import numpy as np
 import pytest
-from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, wall
+from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, slab, wall
 
 from jaxmm.object_candidates import candidates_of
+from jaxmm.object_clues import CLUES
+from jaxmm.object_levels import levels_of
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Patch, Sight, crossings
 from jaxmm.object_solids import SolidSettings, solid_of
-from jaxmm.object_walls import KnownSizes
+from jaxmm.object_walls import KnownBuilding, Solid, reach
 from jaxmm.objects import Judged, ObjectSettings, examine, find_objects
 
 
 def test_two_walls_that_meet_make_none_as_thick_as_they_are_long():
     seen = judged(wall(3.2, 0.45, 1.3, 0.2, 50), wall(3.2, -0.45, 1.3, 0.2, -50))
     examined = examine(seen, ObjectSettings())
-    solids = [solid_of(examined.sight, one, True, ObjectSettings(), KnownSizes()) for one in examined.candidates]
+    solids = [solid_of(examined.sight, one, True, ObjectSettings(), KnownBuilding()) for one in examined.candidates]
     assert solids and all(min(solid.edges) <= ObjectSettings().most_thickness + 1e-6 for solid in solids)
 
 
@@ -48,7 +50,7 @@ def test_an_end_of_a_wall_that_has_more_points_than_the_wall_belongs_to_it():
     sight = Sight(points, np.tile(SENSOR, (100, 1)), FLOOR, CEILING)
     settings = SolidSettings()
     (one,) = [one for one in candidates_of(sight, [pillar_face, end, face], settings) if 45 in one.members]
-    solid = solid_of(sight, one, True, settings, KnownSizes())
+    solid = solid_of(sight, one, True, settings, KnownBuilding())
     assert set(solid.members) == set(range(40, 100)) and solid.edges[1] == pytest.approx(0.2, abs=0.02)
 
 
@@ -93,3 +95,72 @@ def test_bad_input_is_named(change, message):
 def test_bad_settings_are_named(change, message):
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(ObjectSettings(), **change)
+
+
+def test_a_carton_in_line_with_a_pillar_does_not_make_it_furniture():
+    """Both in one plane: what is looked over is left out of the face, and the face stays."""
+    truth = pillar(3.25, 0.0, 0.5)
+    box = slab((3.1, 0.2), (0.6, 0.7), FLOOR, 0.7)
+    (one,) = [one for one in find_objects(judged(truth, box)) if one.box.probability > 0.5]
+    assert one.box.object_type == "pillar"
+    np.testing.assert_allclose(one.box.center[:2], [3.25, 0.0], atol=0.06)
+
+
+def test_an_object_that_nothing_allows_takes_no_points_from_another():
+    """What the rays refuse is not there, however likely it looks, and is asked for before it takes points away."""
+    seen = judged(pillar(3.0, 0.3, 0.5, 20), wall(3.6, -1.2, 2.0, 0.2, 90))
+    every = find_objects(seen)
+    assert {one.box.object_type for one in every} == {"pillar", "wall"}
+    asked = []
+
+    def none_is_a_wall(one):
+        asked.append(one.box.object_type)
+        return one.box.object_type != "wall"
+
+    assert {one.box.object_type for one in find_objects(seen, allows=none_is_a_wall)} == {"pillar"}
+    assert set(asked) == {"pillar", "wall"}
+
+
+def test_a_wall_does_not_go_on_to_where_the_robot_stands():
+    """A face that leaves the picture right beside the sensor, in its line: nothing shows it to end, but it does."""
+    points = np.column_stack([np.linspace(0.4, 1.3, 40), np.full(40, 0.05), np.linspace(0.5, 2.5, 40)])
+    sight = Sight(points, np.tile([0.0, 0.0, 1.4], (40, 1)), FLOOR, CEILING)
+    piece = Piece(np.arange(40), face_through(points[:, :2], np.arange(40)), None, 0, np.array([0.0, 0.0, 1.4]))
+    near, far = (-1.0, 1.0) if piece.face.along[0] > 0 else (1.0, -1.0)
+    assert reach(sight, piece, near, SolidSettings()) == 0.0
+    assert reach(sight, piece, far, SolidSettings()) == np.inf
+    aside = piece._replace(origin=np.array([0.0, -2.0, 1.4]))
+    assert reach(sight, aside, near, SolidSettings()) == np.inf
+
+
+def test_rays_that_pass_beside_a_shaft_do_not_show_it_to_end():
+    """They pass the front of the square around it, which one sees from its corner, and hardly miss the shaft."""
+    center, toward, radius = np.array([2.3, 2.3]), np.array([0.5, 0.5]) ** 0.5, 0.45
+    aside = np.array([-toward[1], toward[0]])
+    top = [[*(center - radius * toward + side * aside), z] for side in (-0.1, 0.0, 0.1) for z in (2.0, 2.5, 2.95)]
+
+    def past(offset):  # the line of sight at a distance from the shaft's axis
+        far = (center + offset * aside) * 2.0
+        return [[*far, z] for z in (0.2, 0.4, 0.6, 0.8)]
+
+    shaft = Solid("pillar", "round", center, np.full(2, 2 * radius), np.array([1.0, 0.0]), np.arange(len(top)))
+    for offsets, low in (((-0.5, 0.5), FLOOR), ((-0.2, 0.2), 2.0)):
+        points = np.array(top + [point for offset in offsets for point in past(offset)])
+        sight = Sight(points, np.tile([0.0, 0.0, 1.4], (len(points), 1)), FLOOR, CEILING)
+        assert levels_of(sight, shaft, SolidSettings()) == (low, CEILING)
+
+
+@pytest.mark.parametrize("known, thickness", [((), 0.15), ((0.1,), 0.15), ((0.1, 0.3), 0.15), ((0.2, 0.25, 0.3), 0.25)])
+def test_a_thickness_that_nothing_shows_is_the_middle_one_of_what_is_usual(known, thickness):
+    """A wall across the whole view, of which only the face shows."""
+    seen = judged(wall(3.0, 0.0, 9.6, 0.4, 90))
+    (found,) = find_objects(seen, known=KnownBuilding(walls=known))
+    assert min(found.box.dimensions[:2]) == pytest.approx(thickness, abs=0.01)
+
+
+@pytest.mark.parametrize("x, y, least, most", [(3.2, 0.9, 0.0, 0.2), (2.7, 1.54, 2.9, 3.0)])
+def test_how_far_the_side_of_a_thing_may_go_on_is_told(x, y, least, most):
+    """One sees the end of a side, though it is so slanting that few rays pass right beside it; or the picture ends."""
+    examined = examine(judged(pillar(x, y, 0.8)), ObjectSettings())
+    told = dict(zip(CLUES, examined.clues[0], strict=True))
+    assert told["side"] > 0.3 and least <= told["side_goes_on"] <= most

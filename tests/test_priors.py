@@ -28,15 +28,15 @@ def walls_and_columns():
 
 def test_sizes_are_the_buildings_own_however_it_is_turned():
     prior = prior_of_building(building_of_room(walls_and_columns(), 0)[0])
-    assert prior.sizes.walls == pytest.approx((0.2, 0.1))
-    assert prior.sizes.columns[0][:2] == pytest.approx((0.3, 0.4)) and prior.has_elements
+    assert prior.known.walls == pytest.approx((0.2, 0.1))
+    assert prior.known.columns[0][:2] == pytest.approx((0.3, 0.4)) and prior.has_elements
 
 
 def test_a_round_column_is_as_wide_as_it_is_deep():
     table = walls_and_columns()
     table.kind[0, 3], table.half_size[0, 3] = CYLINDER, (0.25, 0.25, 1.5)
     prior = prior_of_building(building_of_room(table, 0)[0])
-    assert prior.sizes.columns[0][:2] == pytest.approx((0.5, 0.5), abs=0.02)
+    assert prior.known.columns[0][:2] == pytest.approx((0.5, 0.5), abs=0.02)
 
 
 def test_distances_are_to_the_surface_within_reach():
@@ -51,7 +51,7 @@ def test_a_ply_without_faces_is_a_cloud_and_with_them_a_building(tmp_path):
     box.export(tmp_path / "mesh.ply")
     cloud, mesh = read_prior(tmp_path / "cloud.ply"), read_prior(tmp_path / "mesh.ply")
     assert [kind_of(tmp_path / name) for name in ("cloud.ply", "mesh.ply")] == ["cloud", "mesh"]
-    assert not cloud.has_elements and mesh.has_elements and cloud.sizes.walls == ()
+    assert not cloud.has_elements and mesh.has_elements and cloud.known.walls == ()
     assert abs(distance_from(cloud)(box.sample(200), 1.0)).max() < 0.25
 
 
