@@ -31,13 +31,16 @@ from jaxmm.evaluate import pick_model, predict
 from jaxmm.evidence import FEATURES
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
+from jaxmm.object_walls import KnownBuilding
 from jaxmm.objects import Judged, find_objects
 from jaxmm.pipeline import clouds_of, pairs_of
+from jaxmm.priors import prior_of_building
 from jaxmm.sides import sides_of
 from jaxmm.simulator import CloudSource
 from jaxmm.train import Model
 from jaxmm.weights import DEFAULT
 from warp_scanner.pairs import Pairs
+from warp_scanner.room_buildings import building_of_room
 from warp_scanner.scenes import WALL
 
 OBSERVABLE = 0.2
@@ -67,10 +70,10 @@ def rooms_of(config: Config, model: Model, source: CloudSource, count: int) -> l
         }
         for row, room in enumerate(index.tolist()):
             here = {change: made[row] for change, made in clouds.items()}
-            extent = _extent(config, pairs, row, here)
+            extent, known = _extent(config, pairs, row, here), _known(config, pairs, row)
             for change, cloud in here.items():
                 judged = _judged(config, model, (cloud, change), pairs.pose.position[row], extent)
-                found = {"default": _probable(judged), "thesis": _as_thesis(judged)}
+                found = {"default": _probable(judged, known), "thesis": _as_thesis(judged)}
                 truth = _truths(pairs, row, CHANGES[change])
                 scores = {preset: score_of(boxes, truth) for preset, boxes in found.items()}
                 records.append({"room": room, "change": change} | scores)
@@ -160,8 +163,9 @@ def _judged(
     return Judged(cloud.points, pillar, wall, cloud.evidence[:, APART], sensor[None], *extent)
 
 
-def _probable(judged: Judged) -> list[Box]:
-    return [one.box for one in find_objects(judged) if one.box.probability >= DetectSettings().least_probability]
+def _probable(judged: Judged, known: KnownBuilding) -> list[Box]:
+    found = find_objects(judged, known=known)
+    return [one.box for one in found if one.box.probability >= DetectSettings().least_probability]
 
 
 def _as_thesis(judged: Judged) -> list[Box]:
@@ -179,6 +183,13 @@ def _extent(config: Config, pairs: Pairs, row: int, clouds: dict[str, LabelledCl
     z = np.concatenate([cloud.points[:, 2] for cloud in clouds.values()])
     low, high = np.percentile(z, LEVELS) if len(z) else (0.0, 0.0)
     return float(low), float(max(high, low + 0.5))
+
+
+def _known(config: Config, pairs: Pairs, row: int) -> KnownBuilding:
+    """What is usual in the prior, where it is known; its elements are not told."""
+    if config.preprocess.evidence != "exact":
+        return KnownBuilding()
+    return prior_of_building(building_of_room(pairs.prior, row)[0]).known
 
 
 def _truths(pairs: Pairs, row: int, change: int) -> list[Truth]:

@@ -1,37 +1,60 @@
-"""The directions that a building stands along: most walls of it are parallel or at right angles."""
+"""The directions that a building stands along: most walls of it are parallel or at right angles.
+
+U upright triangles. Plan: x and y of the frame of the building, metres.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
-
-from warp_scanner.buildings import Triangles
 
 UPRIGHT = 0.1  # most z of a unit normal
 NEAR = 10.0  # [m] in plan over which a surface counts e times less: wings of a building have grids of their own
 BINS = 90  # over a quarter of a turn
+QUARTER = np.pi / 2
 
 
-def grid_near(triangles: Triangles, place: np.ndarray) -> float | None:
-    """Direction [rad], 0 to a quarter turn, along or across which most upright surface stands; None without any.
+class Uprights(NamedTuple):
+    """The upright surface of a building."""
+
+    turn: np.ndarray  # (U,) [rad] of the normals in plan, from 0 to a quarter turn
+    area: np.ndarray  # (U,) [m^2]
+    low: np.ndarray  # (U, 3) float32 [m] lowest coordinates of each triangle
+    high: np.ndarray  # (U, 3) and highest
+
+
+def uprights_of(vertices: np.ndarray, faces: np.ndarray) -> Uprights:
+    """The upright ones of the triangles of a building, vertices (V, 3) [m] and faces (T, 3) int."""
+    corners = vertices[faces]
+    normal = np.cross((corners[:, 1] - corners[:, 0]).astype(np.float64), corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    upright = np.abs(normal[:, 2]) < UPRIGHT * size
+    normal, corners = normal[upright], corners[upright]
+    turn = np.arctan2(normal[:, 1], normal[:, 0]) % QUARTER
+    return Uprights(turn, size[upright] / 2, corners.min(axis=1), corners.max(axis=1))
+
+
+def grid_near(uprights: Uprights, place: np.ndarray, floor: float, ceiling: float) -> float | None:
+    """Direction [rad], 0 to less than a quarter turn, along or across which most surface stands; None without any.
 
     Args:
-        triangles: of the building.
-        place: (2,) [m] near which surface counts most, in the frame of the vertices.
+        uprights: of the building.
+        place: (2,) [m] near which surface counts most.
+        floor: [m] what ends below it is of another storey.
+        ceiling: [m] and what begins above this.
     """
-    corners = triangles.vertices[triangles.faces].astype(np.float64)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normal, axis=1)
-    upright = np.abs(normal[:, 2]) < UPRIGHT * area
-    if not upright.any():
+    here = np.flatnonzero((uprights.low[:, 2] < ceiling) & (uprights.high[:, 2] > floor))
+    if not len(here):
         return None
-    normal, center = normal[upright], corners[upright, :, :2].mean(axis=1)
-    away = np.linalg.norm(center - place, axis=1)
-    weight = area[upright] * np.exp(-(away - away.min()) / NEAR)
-    turn = np.arctan2(normal[:, 1], normal[:, 0]) % (np.pi / 2)
-    step = np.pi / 2 / BINS
+    turn, low, high = uprights.turn[here], uprights.low[here, :2], uprights.high[here, :2]
+    away = np.linalg.norm(np.maximum(np.maximum(low - place, place - high), 0.0), axis=1)
+    weight = uprights.area[here] * np.exp(-(away - away.min()) / NEAR)
+    step = QUARTER / BINS
     count = np.bincount((turn / step).astype(int) % BINS, weight, BINS)
     best = int(np.argmax(2.0 * count + np.roll(count, 1) + np.roll(count, -1)))  # a direction may be on a border
-    off = (turn - (best + 0.5) * step + np.pi / 4) % (np.pi / 2) - np.pi / 4
+    off = (turn - (best + 0.5) * step + QUARTER / 2) % QUARTER - QUARTER / 2
     near = np.flatnonzero(np.abs(off) <= 1.5 * step)
     near = near[np.argsort(off[near])]
     total = np.cumsum(weight[near])
     middle = near[np.searchsorted(total, total[-1] / 2)]  # a wall that is a degree off does not move it
-    return float(((best + 0.5) * step + off[middle]) % (np.pi / 2))
+    grid = float((best + 0.5) * step + off[middle]) % QUARTER
+    return grid if grid < QUARTER else 0.0  # what is hardly below 0 comes back as a whole quarter turn

@@ -11,13 +11,11 @@ import numpy as np
 
 from jaxmm import hindsight
 from jaxmm.boxes import Box, fit_boxes
-from jaxmm.building_grid import grid_near
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.hindsight import Alone
 from jaxmm.judging import Side
 from jaxmm.object_clues import ONTO
 from jaxmm.object_shapes import is_round
-from jaxmm.object_walls import KnownBuilding
 from jaxmm.objects import Found, Judged, find_objects
 from jaxmm.places import Visits, fused
 from jaxmm.priors import Prior
@@ -133,7 +131,7 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
         tell, deny = sum(part.tell for part in alone), sum(part.deny for part in alone)
         return bool(new >= LEAST_NEW and tell >= LEAST_MET and deny <= MOST_DENIED * (tell + deny))
 
-    found = find_objects(judged, settings.objects, known_near(prior, judged.sensor), allows=allows)
+    found = find_objects(judged, settings.objects, prior.known, allows=allows)
     return [_mismatch(prior, one.box, change, _alone(one.box, change, looked)) for one in found]
 
 
@@ -148,13 +146,6 @@ def judged_side(looked: list[Looked], change: str) -> Judged:
     apart = np.concatenate([side.view.apart for side in sides])
     floor, ceiling = min(one.levels[0] for one in looked), max(one.levels[1] for one in looked)
     return Judged(points, pillar, wall, apart, sensors, floor, ceiling, scan)
-
-
-def known_near(prior: Prior, sensor: np.ndarray) -> KnownBuilding:
-    """What is usual in the prior, its grid that around the sensors (S, 3) [m]; of a cloud nothing."""
-    if prior.building is None:
-        return prior.known
-    return prior.known._replace(grid=grid_near(prior.building.triangles, sensor[:, :2].mean(axis=0)))
 
 
 def _alone(box: Box, change: str, looked: list[Looked]) -> list[Alone]:

@@ -25,7 +25,7 @@ class Opinions(NamedTuple):
 
 ONTO = 0.1  # [m] points this close to the other side's surface may be its own
 AROUND = 0.3  # [m]
-UNKNOWN = -10.0
+UNKNOWN = -10.0  # as an angle, which no angle is
 FAR = 3.0  # [m] that a face may go on for; more tells no more
 CLUES = (
     "round",  # 1 for a shaft, else 0
@@ -48,7 +48,7 @@ CLUES = (
     "free_over",  # share of them that pass through
     "range",  # [m] from the sensor, in plan
     "slant",  # cosine of the angle between the line of sight and the first face
-    "off_grid",  # [deg] between the first face and the directions of the building, 0 to 45; UNKNOWN of a shaft
+    "off_grid",  # [deg] between the first face and the building, 0 to 45; UNKNOWN of a shaft, or without a building
     "apart",  # [m] median distance of its points to the surface of the other side, 1 at most
     "onto",  # share of them within ONTO of it
     "filled",  # points for each square decimetre from the lowest to the highest, along the first face or the diameter

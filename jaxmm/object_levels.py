@@ -23,21 +23,21 @@ def levels_of(sight: Sight, solid: Solid, settings: PieceSettings) -> tuple[floa
     """
     z = sight.points[solid.members, 2]
     low, high = float(z.min()), float(z.max())
-    start, end, depth = _front(sight, solid)
+    start, end = _front(sight, solid)
     levels = []
     for surface, seen, bottom, top in (
         (sight.floor, low, sight.floor, low),
         (sight.ceiling, high, high, sight.ceiling),
     ):
         patch = Patch(start, end, bottom + settings.rim, top - settings.rim)
-        found = crossings(sight, patch, settings.tolerance + depth / 2)  # a shaft lies behind its front
+        found = crossings(sight, patch, settings.tolerance)
         ends = top - bottom > settings.in_line and found.total >= LEAST_RAYS
         levels.append(seen if ends and found.on + found.beyond > ENDS * found.total else surface)
     return levels[0], levels[1]
 
 
-def _front(sight: Sight, solid: Solid) -> tuple[np.ndarray, np.ndarray, float]:
-    """Both ends (2,) [m] of the middle of the side that faces the sensor, and how deep the object is behind it [m]."""
+def _front(sight: Sight, solid: Solid) -> tuple[np.ndarray, np.ndarray]:
+    """Both ends (2,) [m] of the middle of the side that faces the sensor."""
     toward = np.median(sight.origin[solid.members, :2], axis=0) - solid.center
     along = toward / max(float(np.linalg.norm(toward)), 1e-6) if solid.shape == "round" else solid.along
     axes = np.stack([along, [-along[1], along[0]]])
@@ -46,4 +46,4 @@ def _front(sight: Sight, solid: Solid) -> tuple[np.ndarray, np.ndarray, float]:
     front = int(np.argmin(solid.edges)) if solid.object_type == "wall" else int(np.argmax(np.abs(ahead)))
     middle = solid.center + axes[front] * np.sign(ahead[front]) * solid.edges[front] / 2
     half = axes[1 - front] * solid.edges[1 - front] / 2 * WITHIN
-    return middle - half, middle + half, float(solid.edges[front])
+    return middle - half, middle + half

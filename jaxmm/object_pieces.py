@@ -33,7 +33,7 @@ class PieceSettings:
     least_gap: float = 0.1  # to ceiling or floor, through which one can look
     beside: float = 0.2  # most between two sides of one thing
     step_up: float = 0.15  # most of one side's top above the other's
-    lower: float = 0.3  # least of what stands beside a thing in one line with it, and is none of it, below its top
+    lower: float = 0.3  # by which what stands in one line with a thing is lower, if it is none of it
     arc: float = 1.2  # [rad] least that is seen of a circle
     radius: tuple[float, float] = (0.05, 1.0)
 
@@ -163,7 +163,7 @@ def _trimmed(sight: Sight, piece: Piece, settings: PieceSettings) -> Piece:
     for way in (-1.0, 1.0):
         place = (sight.points[piece.members, :2] - piece.face.center) @ piece.face.along * way
         z = sight.points[piece.members, 2]
-        edge = float(place[z > z.max() - settings.lower].max())  # beyond it all is lower
+        edge = float(place[z >= z.max() - settings.lower].max())  # beyond it all is lower
         beyond = place > edge
         if beyond.sum() < settings.neighbours or (~beyond).sum() < settings.least_points:
             continue

@@ -25,7 +25,7 @@ from jaxmm.detect_files import read_judges
 from jaxmm.detection import look_at
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges
-from jaxmm.mismatches import judged_side, known_near
+from jaxmm.mismatches import judged_side
 from jaxmm.object_clues import CLUES
 from jaxmm.object_judge import KINDS, ObjectJudge, judge_objects, save_judge
 from jaxmm.object_shapes import outside
@@ -125,7 +125,7 @@ def _examples_of_room(case: RoomCase, judges: Judges, of_cloud: bool) -> Example
         judged = judged_side([looked], change)
         if not len(judged.points):
             continue
-        examined = examine(judged, ObjectSettings(), known_near(prior, judged.sensor).grid)
+        examined = examine(judged, ObjectSettings(), prior.known.uprights)
         truth = true_boxes(case.pairs, case.row, sign)[0]
         kind = [kind_of(examined.sight.points[one.members], truth) for one in examined.candidates]
         parts.append(Examples(examined.clues, np.array(kind, np.int64)))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.building_grid import Uprights
 from jaxmm.object_pieces import Piece, PieceSettings
 from jaxmm.object_sight import Crossings, Patch, Sight, crossings, crossings_along
 
@@ -17,7 +18,7 @@ class KnownBuilding(NamedTuple):
 
     walls: tuple[float, ...] = ()  # the different thicknesses [m] of its walls
     columns: tuple[tuple[float, float, bool], ...] = ()  # width and depth [m], and whether it is round
-    grid: float | None = None  # [rad] direction along and across which most of it stands
+    uprights: Uprights | None = None  # its upright surface, which tells the directions that it stands along
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,7 +30,7 @@ class WallSettings(PieceSettings):
     most_thickness: float = 0.42
     usual_length: float = 2.0  # to which a wall is made up where it may go on unseen
     hidden_end: float = 3.0  # beyond the end of a face, as far as it is looked for
-    around_sensor: float = 0.3  # in plan, within which the robot itself stands
+    around_sensor: float = 0.6  # a face ends that comes this near to a sensor, half as near beside its line
     shown: float = 0.2  # a face ends where one sees, within this, that it does not go on
     fits: float = 0.06  # of a size from a known one, to be that
     corner: float = 0.25  # most between what meets
@@ -75,7 +76,8 @@ def wall_behind(
     # A pillar before the wall, say, is none of its length.
     place = (offset @ face.along)[np.abs(depth) <= settings.most_thickness]
     low, high = float(place.min()), float(place.max())
-    before, after = _made_up(high - low, [_hidden(sight, wall, way, settings) for way in (-1.0, 1.0)], settings)
+    hidden = [_hidden_and_reach(sight, wall, way, settings)[0] for way in (-1.0, 1.0)]
+    before, after = _made_up(high - low, hidden, settings)
     low, high = low - before, high + after
     center = face.center + face.along * (low + high) / 2 - wall.toward * thickness / 2
     return Solid("wall", "rectangular", center, np.array([high - low, thickness]), face.along, members)
@@ -91,23 +93,23 @@ def wall_end_on(piece: Piece, settings: WallSettings) -> Solid:
 def reach(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> float:
     """How much further [m] a face may go on at one end (`way` -1 or 1) before one sees that it does not.
 
-    Infinite where that is out of view, or too far away. Right before the sensor nothing goes on: a robot stands there.
+    Infinite where that is out of view, or too far away. Right before a sensor that sees it nothing goes on: a robot
+    stands there.
     """
-    to_sensor = piece.origin[:2] - _end(piece, way)
-    ahead, beside = way * to_sensor @ piece.face.along, abs(to_sensor @ piece.face.across)
-    if 0.0 < ahead < 2 * settings.around_sensor and beside < settings.around_sensor:
-        return 0.0
+    return _hidden_and_reach(sight, piece, way, settings)[1]
+
+
+def _hidden_and_reach(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> tuple[float, float]:
+    """`reach` [m], before it the same where something hides all of it: infinite where nobody looks at some of it."""
+    to_sensor = np.unique(sight.origin[piece.members, :2], axis=0) - _end(piece, way)
+    ahead, beside = way * to_sensor @ piece.face.along, np.abs(to_sensor @ piece.face.across)
+    if np.any((ahead > 0.0) & (ahead < settings.around_sensor) & (beside < settings.around_sensor / 2)):
+        return 0.0, 0.0
     found = _steps_beyond(sight, piece, way, settings)
-    return next((number * STEP for number, one in enumerate(found) if _shows_the_end(one)), np.inf)
-
-
-def _hidden(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> float:
-    """`reach`, where something hides all of it; infinite where nobody looks at some of it."""
-    further = reach(sight, piece, way, settings)
-    if not np.isfinite(further):
-        return further
-    found = _steps_beyond(sight, piece, way, settings)[: round(further / STEP)]
-    return further if all(one.total for one in found) else np.inf
+    ended = next((number for number, one in enumerate(found) if _shows_the_end(one)), None)
+    if ended is None:
+        return np.inf, np.inf
+    return ended * STEP if all(one.total for one in found[:ended]) else np.inf, ended * STEP
 
 
 def _steps_beyond(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> list[Crossings]:
@@ -148,10 +150,9 @@ def _fitting(seen: float, settings: WallSettings, known: tuple[float, ...]) -> f
 def _unseen(sight: Sight, wall: Piece, settings: WallSettings, known: tuple[float, ...]) -> float:
     """A thickness [m] of which nothing is seen: the usual one, or a thinner one where one looks through that.
 
-    Usual is the middle one of those known and what is usual elsewhere: a prior may know no more than its outer walls.
+    Usual is the middle one of those known, and no less than elsewhere: all that a prior knows may be a thin shell.
     """
-    every = sorted((*known, settings.thickness))
-    usual = every[len(every) // 2]
+    usual = max(sorted(known)[len(known) // 2] if known else 0.0, settings.thickness)
     thinner = {one for one in known if settings.least_thickness < one < usual}
     for thickness in sorted(thinner | {usual}, reverse=True):
         if not any(_looked_through(sight, wall, end, thickness, settings) for end in wall.face.ends):

@@ -7,12 +7,14 @@ end below the ceiling, is furniture, whatever its points look like.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxmm.boxes import Box
+from jaxmm.building_grid import Uprights, grid_near
 from jaxmm.object_candidates import Candidate, candidates_of
 from jaxmm.object_clues import CLUES, ONTO, Opinions, clues_of
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
@@ -83,7 +85,7 @@ def find_objects(
     Args:
         judged: all points of one side; those that did not change tell where nothing stands.
         settings: by default those that were best in validation rooms.
-        known: wall thicknesses and column sections of the building, taken on where they fit, and its grid.
+        known: wall thicknesses and column sections of the building, taken on where they fit, and its surface.
         judge: what tells pillars, walls and neither apart; by default the one that is shipped.
         allows: whether something else, such as the rays, allows an object; one that is not takes no points from others.
 
@@ -95,7 +97,7 @@ def find_objects(
             is not above the floor.
     """
     settings, known = settings or ObjectSettings(), known or KnownBuilding()
-    sight, candidates, clues = examine(judged, settings, known.grid)
+    sight, candidates, clues = examine(judged, settings, known.uprights)
     share = judge_objects(judge or default_judge(), clues)
     solids = []
     for one, (nothing, pillar, wall) in zip(candidates, share, strict=True):
@@ -108,13 +110,13 @@ def find_objects(
     return sorted(found, key=lambda one: (-one.box.probability, *one.box.center))
 
 
-def examine(judged: Judged, settings: ObjectSettings, grid: float | None = None) -> Examined:
+def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None = None) -> Examined:
     """What may be an object, and what tells whether it is one.
 
     Args:
         judged: all points of one side.
         settings: what is a candidate.
-        grid: [rad] the direction that most of the building stands along or across; None where nobody knows.
+        uprights: of the building, which tell the directions that it stands along; None where nobody knows.
 
     Raises:
         ValueError: as `find_objects`.
@@ -127,7 +129,12 @@ def examine(judged: Judged, settings: ObjectSettings, grid: float | None = None)
     found = pieces_of(sight, np.flatnonzero(chosen), np.flatnonzero(loose), settings)
     pieces = joined(sight, upright(sight, found, settings), settings)
     candidates = candidates_of(sight, pieces, settings)
-    clues = [clues_of(sight, one, opinions, grid, settings) for one in candidates]
+
+    @functools.cache
+    def grid_at(x: float, y: float) -> float | None:
+        return grid_near(uprights, np.array([x, y]), sight.floor, sight.ceiling) if uprights is not None else None
+
+    clues = [clues_of(sight, one, opinions, grid_at(*one.first.origin[:2]), settings) for one in candidates]
     return Examined(sight, candidates, np.array(clues).reshape(-1, len(CLUES)))
 
 

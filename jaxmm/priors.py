@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.building_grid import uprights_of
 from jaxmm.inputs import InputError
 from jaxmm.object_shapes import is_round
-from jaxmm.object_solids import KnownBuilding
+from jaxmm.object_walls import KnownBuilding
 from jaxmm.report import PriorFile
 from jaxmm.scan_files import READERS, read_scans
 from jaxmm.scan_units import Distance
@@ -84,7 +85,7 @@ def kind_of(path: Path) -> str:
 def prior_of_building(building: Building) -> Prior:
     """A building that was read, ready for rays."""
     scene = prepare(building.triangles)
-    return Prior(building.origin, tuple(remarks(building)), building, scene, known=_own_sizes(building))
+    return Prior(building.origin, tuple(remarks(building)), building, scene, known=_known(building))
 
 
 def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:
@@ -110,8 +111,8 @@ def distance_from(prior: Prior) -> Distance:
     return to_surface
 
 
-def _own_sizes(building: Building) -> KnownBuilding:
-    """Thicknesses of the walls and sections of the columns."""
+def _known(building: Building) -> KnownBuilding:
+    """Thicknesses of the walls, sections of the columns, and what stands upright."""
     semantic = building.elements.semantic
     walls, columns = (
         [of_element(building, int(row)) for row in np.flatnonzero(semantic == kind)] for kind in (WALL, PILLAR)
@@ -119,7 +120,8 @@ def _own_sizes(building: Building) -> KnownBuilding:
     thickness = np.round([min(one.size[:2]) for one in walls], 2)
     sections = [(*sorted(np.round(one.size[:2], 2)), is_round(one.triangles.vertices)) for one in columns]
     known = [(a, b, bool(rounded)) for a, b, rounded in _frequent(np.array(sections).reshape(-1, 3))]
-    return KnownBuilding(tuple(_frequent(thickness[(thickness > 0.03) & (thickness < 0.6)])), tuple(known))
+    walls = tuple(_frequent(thickness[(thickness > 0.03) & (thickness < 0.6)]))
+    return KnownBuilding(walls, tuple(known), uprights_of(building.triangles.vertices, building.triangles.faces))
 
 
 def _frequent(values: np.ndarray) -> list:

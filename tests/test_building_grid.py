@@ -4,23 +4,28 @@ import numpy as np
 import pytest
 import trimesh
 
-from jaxmm.building_grid import grid_near
-from warp_scanner.buildings import Triangles
+from jaxmm.building_grid import Uprights, grid_near, uprights_of
+
+STOREY = (-1.5, 1.5)
+HERE = np.zeros(2)
 
 
 def boxes(*placed):
-    """Triangles of boxes: full edges (3,) [m], turn [deg], place (2,)."""
+    """Upright surface of boxes: full edges (3,) [m], turn [deg], place (2,) or (3,) [m]."""
     meshes = []
     for edges, turn, place in placed:
         pose = trimesh.transformations.rotation_matrix(np.radians(turn), [0, 0, 1])
-        pose[:2, 3] = place
+        pose[: len(place), 3] = place
         meshes.append(trimesh.creation.box(edges, pose))
-    whole = trimesh.util.concatenate(meshes)
-    element = np.zeros(len(whole.faces), np.int32)
-    return Triangles(whole.vertices.astype(np.float32), whole.faces.astype(np.int32), element, np.zeros(1, np.uint8))
+    return of_mesh(trimesh.util.concatenate(meshes))
+
+
+def of_mesh(mesh):
+    return uprights_of(mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
 
 
 def off(found, degrees):
+    assert 0.0 <= found < np.pi / 2
     return abs((np.degrees(found) - degrees + 45.0) % 90.0 - 45.0)
 
 
@@ -34,33 +39,57 @@ def test_most_upright_surface_stands_along_it_whatever_else_is_there(seed):
     walls = [((8.0, 0.2, 3.0), turn, side * 3 * y) for side in (-1, 1)]
     walls += [((0.2, 6.0, 3.0), turn, side * 4 * x) for side in (-1, 1)]
     columns = [((0.4, 0.4, 3.0), rng.uniform(0, 90), rng.uniform(-2, 2, 2)) for _ in range(5)]
-    found = grid_near(boxes(((8.0, 6.0, 0.2), turn + 20.0, (0.0, 0.0)), *walls, *columns), np.zeros(2))
-    assert off(found, turn) < 0.3 and 0.0 <= found < np.pi / 2
+    found = grid_near(boxes(((8.0, 6.0, 0.2), turn + 20.0, (0.0, 0.0)), *walls, *columns), HERE, *STOREY)
+    assert off(found, turn) < 1e-3
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.2, 0.5, 44.9, 89.6, 90.0])
-def test_directions_on_the_border_of_two_steps_are_met_too(turn):
-    assert off(grid_near(boxes(((5.0, 0.2, 3.0), turn, (0.0, 0.0))), np.zeros(2)), turn) < 0.01
+@pytest.mark.parametrize("turn", [0.0, 1e-6, -1e-6, 0.5, 44.9, 45.0, 89.5, 90.0])
+def test_any_direction_is_met_and_lies_below_a_quarter_turn(turn):
+    assert off(grid_near(boxes(((5.0, 0.2, 3.0), turn, (0.0, 0.0))), HERE, *STOREY), turn) < 1e-3
+
+
+def test_walls_half_on_either_side_of_a_border_of_two_steps_count_together():
+    """The largest single step is of another direction."""
+    pair = [((4.0, 0.2, 3.0), turn, (0.0, 0.0)) for turn in (-0.01, 0.01)]
+    assert off(grid_near(boxes(*pair, ((6.0, 0.2, 3.0), 30.5, (0.0, 0.0))), HERE, *STOREY), 0.0) < 0.02
+
+
+def test_a_wall_that_is_a_degree_off_does_not_move_it():
+    walls = boxes(((8.0, 0.2, 3.0), 0.2, (0.0, 1.0)), ((4.0, 0.2, 3.0), 1.3, (0.0, -1.0)))
+    assert off(grid_near(walls, HERE, *STOREY), 0.2) < 1e-3
 
 
 def test_the_facets_of_round_columns_move_no_grid():
-    """Directions within a degree of a wall's, as those of a wall itself are after rounding."""
-    walls = boxes(((8.0, 0.2, 3.0), 0.0, (0.0, 3.0)), ((0.2, 6.0, 3.0), 1e-5, (4.0, 0.0)))
-    column = trimesh.creation.cylinder(1.0, 3.0, sections=64)
-    vertices = np.concatenate([walls.vertices, column.vertices.astype(np.float32)])
-    faces = np.concatenate([walls.faces, column.faces.astype(np.int32) + len(walls.vertices)])
-    both = Triangles(vertices, faces, np.zeros(len(faces), np.int32), walls.semantic)
-    assert off(grid_near(both, np.zeros(2)), 0.0) < 0.5
+    wall = trimesh.creation.box((6.0, 0.2, 3.0))
+    column = trimesh.creation.cylinder(1.5, 3.0, sections=64)  # as much surface as the wall has, in 16 directions
+    assert off(grid_near(of_mesh(trimesh.util.concatenate([wall, column])), HERE, *STOREY), 0.0) < 1e-3
 
 
 def test_wings_of_a_building_have_grids_of_their_own():
     wings = boxes(((20.0, 0.3, 3.0), 0.0, (0.0, 0.0)), ((60.0, 0.3, 3.0), 30.0, (80.0, 40.0)))
-    assert off(grid_near(wings, np.zeros(2)), 0.0) < 0.01
-    assert off(grid_near(wings, np.array([80.0, 38.0])), 30.0) < 0.01
-    assert off(grid_near(wings, np.array([5000.0, 3000.0])), 30.0) < 0.01  # from afar, the larger one
+    assert off(grid_near(wings, HERE, *STOREY), 0.0) < 1e-3
+    assert off(grid_near(wings, np.array([80.0, 38.0]), *STOREY), 30.0) < 1e-3
+    for far, turn in ((1e5, 30.0), (-1e5, 0.0)):  # from afar, the nearer one
+        assert off(grid_near(wings, np.array([far, far]), *STOREY), turn) < 1e-3
 
 
-def test_a_floor_alone_stands_along_nothing():
-    floor = boxes(((4.0, 4.0, 1.0), 0.0, (0.0, 0.0)))
-    level = np.ptp(floor.vertices[floor.faces][:, :, 2], axis=1) == 0.0
-    assert grid_near(floor._replace(faces=floor.faces[level], element=floor.element[level]), np.zeros(2)) is None
+def test_a_long_wall_is_as_near_as_its_nearest_place_however_it_is_cut_into_triangles():
+    wall, column = trimesh.creation.box((200.0, 0.3, 3.0)), trimesh.creation.box((0.5, 0.5, 3.0))
+    turned = column.apply_transform(trimesh.transformations.rotation_matrix(np.radians(37.0), [0, 0, 1], [0, 0, 0]))
+    turned.apply_translation([90.0, 2.0, 0.0])
+    for mesh in (wall, wall.subdivide_to_size(2.0)):
+        found = grid_near(of_mesh(trimesh.util.concatenate([mesh, turned])), np.array([92.0, 1.0]), *STOREY)
+        assert off(found, 0.0) < 1e-3
+
+
+def test_other_storeys_do_not_count():
+    storeys = boxes(((8.0, 0.2, 3.0), 0.0, (0.0, 0.0, 0.0)), ((8.0, 0.2, 4.0), 30.0, (0.0, 0.0, 4.0)))
+    assert off(grid_near(storeys, HERE, *STOREY), 0.0) < 1e-3
+    assert off(grid_near(storeys, HERE, 2.0, 6.0), 30.0) < 1e-3
+
+
+def test_without_upright_surface_there_is_none():
+    level = trimesh.creation.box((4.0, 4.0, 1.0))
+    level.update_faces(np.abs(level.face_normals[:, 2]) > 0.5)
+    assert grid_near(of_mesh(level), HERE, *STOREY) is None
+    assert grid_near(Uprights(np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3))), HERE, *STOREY) is None
