@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 UPRIGHT = 0.1  # most z of a unit normal
-NEAR = 10.0  # [m] in plan over which a surface counts e times less: wings of a building have grids of their own
+NEAR = 30.0  # [m] in plan over which a surface counts e times less: wings of a building have grids of their own
 BINS = 90  # over a quarter of a turn
 QUARTER = np.pi / 2
 

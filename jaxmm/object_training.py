@@ -20,6 +20,7 @@ import numpy as np
 from sklearn.ensemble import GradientBoostingClassifier
 
 from jaxmm.boxes import Box
+from jaxmm.building_grid import QUARTER, Uprights
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, UNCHANGED
 from jaxmm.detect_files import read_judges
 from jaxmm.detection import look_at
@@ -44,6 +45,7 @@ TOUCHING = ("never", "never", "never", "never", "structure", "walls")
 KINDS_OF_ROOM = (*4 * ("varied",), "thesis")
 SENSORS = (*6 * ("oak-d-pro-small",), "oak-d-pro-small-real", "ouster-64")
 CLOUDS = 0.1  # share of draws whose prior is a cloud
+ALONG, ANYHOW = 0.2, 0.3  # shares of rooms whose grid is that of a changed object, or any
 WITHIN = 0.12  # [m] of a box a point may be off
 ROUNDS, RATE, DEPTH, SHARE, CLUES_AT_ONCE, LEAST = 400, 0.08, 5, 0.7, 6, 15
 KEPT = 10  # every so many draws one is kept from training
@@ -68,8 +70,10 @@ def examples_of_draw(number: int) -> Examples:
     if of_cloud and condition == "occluded" and draw.random() < 0.5:
         changed["prior_furniture"] = "moved"
     rooms, judges = range(number * AT_ONCE, (number + 1) * AT_ONCE), read_judges(DEFAULT)
-    parts = [_examples_of_room(case, judges, of_cloud) for case in room_cases(scene, condition, SEED, rooms, **changed)]
-    return _joined(parts)
+    cases = room_cases(scene, condition, SEED, rooms, **changed)
+    return _joined(
+        [_examples_of_room(case, judges, of_cloud, np.random.default_rng((SEED, number, case.row))) for case in cases]
+    )
 
 
 def boosted_trees() -> GradientBoostingClassifier:
@@ -114,7 +118,7 @@ def _floored(limit: float) -> np.float32:
     return near if near <= limit else np.nextafter(near, np.float32(-np.inf))
 
 
-def _examples_of_room(case: RoomCase, judges: Judges, of_cloud: bool) -> Examples:
+def _examples_of_room(case: RoomCase, judges: Judges, of_cloud: bool, draw: np.random.Generator) -> Examples:
     prior = as_cloud(case) if of_cloud else case.prior
     try:
         looked = look_at(prior, rays_of_scan(case.scan), judges)[0]
@@ -125,11 +129,25 @@ def _examples_of_room(case: RoomCase, judges: Judges, of_cloud: bool) -> Example
         judged = judged_side([looked], change)
         if not len(judged.points):
             continue
-        examined = examine(judged, ObjectSettings(), prior.known.uprights)
         truth = true_boxes(case.pairs, case.row, sign)[0]
+        examined = examine(judged, ObjectSettings(), _turned(prior.known.uprights, truth, draw))
         kind = [kind_of(examined.sight.points[one.members], truth) for one in examined.candidates]
         parts.append(Examples(examined.clues, np.array(kind, np.int64)))
     return _joined(parts)
+
+
+def _turned(uprights: Uprights | None, truth: list[Box], draw: np.random.Generator) -> Uprights | None:
+    """A building as it is, or turned below what was scanned in it.
+
+    In generated rooms walls are turned by little and pillars by any angle; elsewhere most things stand along the
+    building, and some buildings stand along nothing.
+    """
+    share, angle = draw.random(), draw.uniform(0.0, QUARTER)
+    if uprights is None or not truth or share >= ALONG + ANYHOW:
+        return uprights
+    if share < ALONG:
+        angle = np.radians(truth[draw.integers(len(truth))].rotation)
+    return uprights._replace(turn=(uprights.turn + angle) % QUARTER)
 
 
 def kind_of(points: np.ndarray, truth: list[Box]) -> int:
