@@ -57,7 +57,8 @@ class Found(NamedTuple):
 class ObjectSettings(SolidSettings):
     """How points become objects; chosen on validation rooms, as were the settings of the steps. Lengths in metres."""
 
-    threshold: float = 0.08  # a point is looked at from this probability on; whether its object is real is told by all
+    threshold: float = 0.3  # a point is looked at from this probability on; whether its object is real is told by all
+    threshold_apart: float = 0.08  # and from this one on where it is farther than ONTO from the other side's surface
     least_apart: float = 0.0  # points closer to the other side's surface are none of an object
     surface_margin: float = 0.05  # points this near to floor or ceiling are none either
     rarer: float = 4.0  # how many times rarer changes are than in the rooms that the judge of objects learnt from
@@ -124,7 +125,8 @@ def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None 
     sight, opinions = _checked(judged)
     probability, z = np.maximum(opinions.pillar, opinions.wall), sight.points[:, 2]
     inside = (z > sight.floor + settings.surface_margin) & (z < sight.ceiling - settings.surface_margin)
-    chosen = inside & (probability >= settings.threshold) & (opinions.apart >= settings.least_apart)
+    needed = np.where(opinions.apart > ONTO, min(settings.threshold_apart, settings.threshold), settings.threshold)
+    chosen = inside & (probability >= needed) & (opinions.apart >= settings.least_apart)
     loose = inside & ~chosen & (opinions.apart > ONTO)
     found = pieces_of(sight, np.flatnonzero(chosen), np.flatnonzero(loose), settings)
     pieces = joined(sight, upright(sight, found, settings), settings)

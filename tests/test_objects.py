@@ -169,7 +169,7 @@ def test_hardly_probable_points_that_continue_a_face_are_of_it():
     truth = Box("wall", np.array([3.5, 0.0, 1.5]), np.array([3.0, 0.2, 3.0]), 90.0)
     seen = judged(wall(3.5, 0.0, 3.0, 0.2, 90))
     doubted = (seen.apart > 0.5) & (seen.points[:, 1] > 0.0)
-    seen = seen._replace(**{name: np.where(doubted, 0.05, getattr(seen, name)) for name in ("pillar", "wall")})
+    seen = seen._replace(**{name: np.where(doubted, 0.1, getattr(seen, name)) for name in ("pillar", "wall")})
     found = find_objects(seen)
     box = only(found, "wall")
     assert max(box.dimensions[:2]) == pytest.approx(3.0, abs=0.15) and plane_distance(box, truth)[0] < 0.1
