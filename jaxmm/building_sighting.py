@@ -25,6 +25,7 @@ VOXEL = 0.1  # [m]
 LAYERS = 6  # of surfaces along a ray, those where it leaves something included
 BEYOND = 0.005  # [m] behind a surface, from where the next is looked for
 AROUND = np.linspace(-1.0, 1.0, 5)  # [m] about the sensor, where floor and ceiling are looked for
+STANDING = 2.5  # [m] most height of a sensor above its floor
 FARTHEST = 2.0  # [m] beyond which the distance to the prior's surface is not looked for
 
 
@@ -79,8 +80,8 @@ def surfaces_along(scene: TriangleScene, rays: ScanRays) -> np.ndarray:
     return np.concatenate(found) if found else np.zeros((0, 3), np.float32)
 
 
-def sight(scene: TriangleScene, rays: ScanRays) -> Sighting:
-    """Compare a scan with the building, ray by ray."""
+def sight(scene: TriangleScene, rays: ScanRays, storeys: np.ndarray) -> Sighting:
+    """Compare a scan with the building, ray by ray; `storeys` are the heights (S,) [m] that they begin at."""
     expected = hits_of(scene, rays.position, rays.direction)
     thin = slice(None, rays.measured, EVERY)
     with np.errstate(invalid="ignore"):  # no return where none was expected
@@ -102,16 +103,17 @@ def sight(scene: TriangleScene, rays: ScanRays) -> Sighting:
     return Sighting(
         _prior_view(scene, rays, (expected, margin, noise), (places[kept], reach[kept], element[kept]), measured[own]),
         _robot_view(scene, rays, (expected, margin, noise), (measured[own], own)),
-        frame_of_rays(rays, *levels_of(scene, rays, measured)),
+        frame_of_rays(rays, *levels_of(scene, rays, measured, storeys)),
         expected, margin, noise, places, reached,
     )  # fmt: skip
 
 
-def levels_of(scene: TriangleScene, rays: ScanRays, points: np.ndarray) -> tuple[float, float]:
+def levels_of(scene: TriangleScene, rays: ScanRays, points: np.ndarray, storeys: np.ndarray) -> tuple[float, float]:
     """Heights of the floor under the sensor and of the ceiling above it.
 
     They are the middle ones of some around it: it may stand in a doorway, by a stair, or at a table. Where the building
     has none, whatever is under and above it tells; else walls and columns around its height; else what was measured.
+    Where the floor lies farther below than a sensor stands, the storey that begins in between tells: it has no slab.
     """
     floor, ceiling = (rays.position[2] + way * _clearance(scene, rays.position, way) for way in (-1.0, 1.0))
     if not (np.isfinite(floor) and np.isfinite(ceiling)):
@@ -124,6 +126,8 @@ def levels_of(scene: TriangleScene, rays: ScanRays, points: np.ndarray) -> tuple
         )
         floor = floor if np.isfinite(floor) else min(ends[0], rays.position[2])
         ceiling = ceiling if np.isfinite(ceiling) else max(ends[1], rays.position[2])
+    if rays.position[2] - floor > STANDING:
+        floor = max([floor, *storeys[storeys < rays.position[2]]])
     return float(floor), float(max(ceiling, floor + 0.5))
 
 

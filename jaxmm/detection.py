@@ -102,7 +102,7 @@ def look_at(prior: Prior, rays: ScanRays, judges: Judges) -> tuple[Looked, Told 
         frame, nothing = compared.frame, np.full(len(rays.distance), np.inf, np.float32)
         added, removed = judge(judges, compared.robot, frame, "added"), judge(judges, compared.prior, frame, "removed")
         return Looked(rays, nothing, added, removed, (frame.floor, frame.ceiling)), None
-    seen = sight(prior.scene, rays)
+    seen = sight(prior.scene, rays, prior.building.storeys.elevation)
     added, removed = judge(judges, seen.robot, seen.frame, "added"), judge(judges, seen.prior, seen.frame, "removed")
     told = told_of(seen.reached, removed.view.element, removed.view.count, removed.probability)
     return Looked(rays, seen.expected.distance, added, removed, (seen.frame.floor, seen.frame.ceiling)), told

@@ -8,7 +8,8 @@ end below the ceiling, is furniture, whatever its points look like.
 
 import dataclasses
 import functools
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +62,7 @@ class ObjectSettings(SolidSettings):
     threshold_apart: float = 0.08  # and from this one on where it is farther than ONTO from the other side's surface
     least_apart: float = 0.0  # points closer to the other side's surface are none of an object
     surface_margin: float = 0.05  # points this near to floor or ceiling are none either
+    least_type: float = 0.1  # a real object is tried as a pillar, or a wall, from this probability of being one on
     rarer: float = 4.0  # how many times rarer changes are than in the rooms that the judge of objects learnt from
 
     def __post_init__(self):
@@ -100,15 +102,28 @@ def find_objects(
     settings, known = settings or ObjectSettings(), known or KnownBuilding()
     sight, candidates, clues = examine(judged, settings, known.uprights)
     share = judge_objects(judge or default_judge(), clues)
-    solids = []
-    for one, (nothing, pillar, wall) in zip(candidates, share, strict=True):
-        solid = solid_of(sight, one, bool(wall > pillar), settings, known)
-        if solid is not None:
-            real = 1.0 - nothing
-            solids.append(solid._replace(probability=float(real / (real + settings.rarer * nothing))))
-    allowed = [one for one in solids if allows is None or allows(_found(sight, one, settings))]
+    allowed = []
+    for one, odds in zip(candidates, share, strict=True):
+        solids = _solids(sight, one, odds, settings, known)
+        fitting = (solid for solid in solids if allows is None or allows(_found(sight, solid, settings)))
+        allowed += itertools.islice(fitting, 1)
     found = [_found(sight, one, settings) for one in without_splinters(sight, allowed, settings)]
     return sorted(found, key=lambda one: (-one.box.probability, *one.box.center))
+
+
+def _solids(
+    sight: Sight, one: Candidate, share: np.ndarray, settings: ObjectSettings, known: KnownBuilding
+) -> Iterator[Solid]:
+    """A candidate as what it is likelier, then as the other: what the rays refuse as a pillar may be a thin wall."""
+    nothing, pillar, wall = share
+    real = 1.0 - nothing
+    probability = float(real / (real + settings.rarer * nothing))
+    for is_wall in (bool(wall > pillar), bool(wall <= pillar)):
+        if (wall if is_wall else pillar) < settings.least_type * real:
+            continue
+        solid = solid_of(sight, one, is_wall, settings, known)
+        if solid is not None:
+            yield solid._replace(probability=probability)
 
 
 def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None = None) -> Examined:

@@ -20,12 +20,12 @@ TABLE_TOP = ((0, 0, 0.7), (0.6, 0.4, 0.02), TABLE)
 STAIR_HOLE = (((-2.7, 0, -0.1), (2.3, 4, 0.1), FLOOR), ((2.7, 0, -0.1), (2.3, 4, 0.1), FLOOR))  # 0.8 m wide
 
 
-def levels_at(place, *boxes) -> tuple[float, float]:
+def levels_at(place, *boxes, storeys=(0.0,)) -> tuple[float, float]:
     """Of a building of boxes, each with its middle [m], half its edges and its class."""
     nothing = np.zeros((0, 3), np.float32)
     rays = ScanRays(np.array(place, np.float64), nothing, np.zeros(0, np.float32), 0, nothing, 0.01, 100.0)
     measured = np.column_stack([np.zeros(101), np.zeros(101), np.linspace(0.3, 2.6, 101)])
-    return levels_of(prepare(building_of(boxes).triangles), rays, measured)
+    return levels_of(prepare(building_of(boxes).triangles), rays, measured, np.array(storeys))
 
 
 @pytest.mark.parametrize(
@@ -56,3 +56,11 @@ def test_without_floors_walls_tell_and_without_walls_what_was_measured():
     assert levels_at((0, 0, 1.5), *OUTSIDE) == pytest.approx((0.0, 3.0), abs=1e-3)
     low, high = levels_at((0, 0, 1.5), ((4, 3, 0.2), (0.1, 0.1, 0.2), TABLE))
     assert 0.3 <= low < 0.6 and 2.3 < high <= 2.6
+
+
+def test_a_storey_without_a_slab_has_its_floor_where_it_begins():
+    """And a storey that begins beside the sensor, not far above its floor, is another's."""
+    below = (FLOOR_AND_CEILING[0],)
+    assert levels_at((0, 0, 4.6), *below, *OUTSIDE, storeys=(0.0, 3.4, 6.8))[0] == pytest.approx(3.4)
+    assert levels_at((0, 0, 2.2), *below, *OUTSIDE, storeys=(0.0, 1.5, 3.4))[0] == pytest.approx(0.0, abs=1e-3)
+    assert levels_at((0, 0, 4.6), *below, *OUTSIDE, storeys=(0.0, 6.8))[0] == pytest.approx(0.0, abs=1e-3)

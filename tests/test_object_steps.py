@@ -8,6 +8,7 @@ from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, slab, wall
 
 from jaxmm.object_candidates import candidates_of
 from jaxmm.object_clues import CLUES
+from jaxmm.object_judge import KINDS, ObjectJudge
 from jaxmm.object_levels import levels_of
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import face_through
@@ -121,6 +122,31 @@ def test_an_object_that_nothing_allows_takes_no_points_from_another(monkeypatch)
     assert left.box.object_type == "pillar" and np.linalg.norm(left.box.center[:2] - [3.0, 0.7]) < 0.1
 
 
+def says(nothing: float, pillar: float, wall: float) -> ObjectJudge:
+    """A judge that gives every candidate the same probabilities."""
+    no_clue, no_limit = np.zeros((1, len(KINDS), 1), np.uint8), np.full((1, len(KINDS), 1), np.inf, np.float32)
+    odds = np.log([nothing, pillar, wall]).astype(np.float32)
+    return ObjectJudge(odds, no_clue, no_limit, np.zeros((1, len(KINDS), 2), np.float32))
+
+
+@pytest.mark.parametrize(
+    "odds, types",
+    [((0.1, 0.6, 0.3), ["pillar", "wall"]), ((0.1, 0.3, 0.6), ["wall", "pillar"]), ((0.1, 0.88, 0.02), ["pillar"])],
+)
+def test_what_is_refused_as_the_likelier_type_is_tried_as_the_other_unless_that_is_hardly_possible(odds, types):
+    seen, tried = judged(wall(3.2, 0.45, 1.3, 0.2, 80)), []
+
+    def refuses(found):
+        tried.append(found.box.object_type)
+        return False
+
+    assert not find_objects(seen, judge=says(*odds), allows=refuses)
+    assert tried == types
+    (found,) = find_objects(seen, judge=says(*odds), allows=lambda one: one.box.object_type == types[-1])
+    assert found.box.object_type == types[-1]
+    assert found.box.probability == pytest.approx(0.9 / (0.9 + ObjectSettings().rarer * 0.1))
+
+
 @pytest.mark.parametrize("gap", [0.0, 0.15, 0.4])
 @pytest.mark.parametrize("kind", [BOX, CYLINDER])
 def test_a_pillar_behind_a_low_cabinet_stands_on_the_floor(gap, kind):
@@ -175,3 +201,11 @@ def test_how_far_the_side_of_a_thing_may_go_on_is_told(x, y, least, most):
     examined = examine(judged(pillar(x, y, 0.8)), ObjectSettings())
     told = dict(zip(CLUES, examined.clues[0], strict=True))
     assert told["side"] > 0.3 and least <= told["side_goes_on"] <= most
+
+
+@pytest.mark.parametrize("x, y, yaw", [(2.1, -0.15, 5), (1.76, -0.48, 157), (3.09, -0.12, 7), (2.41, -0.91, 146)])
+def test_a_short_wall_seen_slantwise_is_not_made_up_to_the_usual_length(x, y, yaw):
+    """Right beside its ends hardly a thinned ray passes, yet those a little further show that it ends."""
+    examined = examine(judged(wall(x, y, 1.0, 0.12, yaw)), ObjectSettings())
+    (one,) = examined.candidates
+    assert solid_of(examined.sight, one, True, ObjectSettings(), KnownBuilding()).edges.max() < 1.3
