@@ -1,6 +1,6 @@
 """Trains the judge of objects on candidates of generated rooms.
 
-    python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors [--rooms 20000]
+    python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors [--rooms 30000]
 
 K candidates, F clues. What each of them is, is known: the true object whose box holds most of its points. Rooms are of
 both kinds, with and without furniture, with one change, several or none, walls free or against others; priors are
@@ -208,6 +208,6 @@ def main(out: Path, rooms: int) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE")
-    parser.add_argument("--rooms", type=int, default=20_000, metavar="N")
+    parser.add_argument("--rooms", type=int, default=30_000, metavar="N")
     asked = parser.parse_args()
     main(asked.out, asked.rooms)
