@@ -90,7 +90,7 @@ def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
         rays = rays_of_scan(one.scan)
         shown = surfaces_along(prior.scene, rays) if prior.has_elements else visible(prior.cloud, rays)
         limits = settings.limits if prior.has_elements else settings.cloud_limits
-        return place(one.scan, shown, refine=settings.refine, limits=limits)
+        return place(one.scan, shown, refine=settings.refine, limits=limits, hides=not prior.has_elements)
     except (InputError, ValueError) as error:
         raise InputError(f"{one.file}: {error}") from error
 
@@ -174,7 +174,7 @@ def _records(
         }  # fmt: skip
         pose = _pose_of(fit.scan, prior.origin)
         records.append(ScanRecord(
-            one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, (*one.notes, *fit.notes),
+            one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, one.notes,
             int(shows[number]), int(alone[number]),
         ))  # fmt: skip
     return tuple(records)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import small_gicp
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 SPACING = 0.1  # [m] both clouds are thinned to it
@@ -26,6 +27,8 @@ LEAST_SHARE = 0.1  # of the points on walls, and
 LEAST_WALLS = 30  # points, that must match walls to tell so
 FAR = 0.01  # cost of a motion by one standard deviation, in shares of points that match
 WORTH = 0.02  # neighbouring points err alike: so many independent ones is each worth
+AROUND, BESIDE = 8, 0.15  # points of a prior about a line of sight, and [m] off it: they say what it meets there
+BEFORE = 0.3  # [m] before a point, from where on they hide it
 LEAST_SIGMA = 0.005  # [m] of a point off its surface
 
 
@@ -37,7 +40,7 @@ class Registration(NamedTuple):
     residual_before: float  # the same at the start; both NaN where nothing matches
     overlap: float  # share of the scan's points that match
     overlap_before: float  # the same at the start
-    upright: float  # of its points on walls and the like, the share that match walls; NaN where it has none
+    upright: float  # of its points on walls that the prior could show, the share that match walls; NaN without any
 
 
 class _Fit(NamedTuple):
@@ -56,18 +59,21 @@ class _Fit(NamedTuple):
         match = np.abs(self.off) < CUT
         return 1.4826 * float(np.median(np.abs(self.off[match]))) if match.any() else np.nan
 
-    @property
-    def upright(self) -> float:
-        return float(self.on_wall[self.wall].mean()) if self.wall.any() else np.nan
+    def upright(self, shown: np.ndarray | None = None) -> float:
+        """Share of the points on walls that match one: of all of them, or of those shown (N,)."""
+        wall = self.wall if shown is None else self.wall & shown
+        return float(self.on_wall[wall].mean()) if wall.any() else np.nan
 
 
-def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray) -> Registration:
+def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, hides: bool = False) -> Registration:
     """Fit a scan to the prior (GICP: Segal et al. 2009; open directions as in Zhang et al. 2016).
 
     Args:
         scan: (N, 3) [m] world, as believed.
         prior: (M, 3) [m] world, what the prior shows from there, densely.
         sensor: (3,) [m] where the scan is believed to be taken from; motions turn about it.
+        hides: whether the prior shows from there only what it hides nothing of, as another scan does; what lies behind
+            that, or beside it, is then no sign of another place.
 
     Returns:
         The motion; none where either cloud has too few points to tell.
@@ -94,7 +100,20 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray) -> Registr
         best = _cheapest(cloud, motions, EXACT)
     found = _fit(cloud, normals, best)
     about = _shifted(centre) @ best @ _shifted(-centre)
-    return Registration(about, found.residual, start.residual, found.overlap, start.overlap, found.upright)
+    shown = _could_show(target.points()[:, :3], _moved(source.points()[:, :3], best)) if hides else None
+    return Registration(about, found.residual, start.residual, found.overlap, start.overlap, found.upright(shown))
+
+
+def _could_show(prior: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Whether a prior (M, 3) lies in the direction of each point (N, 3), and none before it: [m] about the eye."""
+    far, near = (np.maximum(np.linalg.norm(cloud, axis=1, keepdims=True), 1e-6) for cloud in (prior, points))
+    apart, place = cKDTree(prior / far).query(points / near, k=AROUND)
+    reach = np.where(apart * far[place, 0] <= BESIDE, far[place, 0], np.inf).min(axis=1)
+    return np.isfinite(reach) & (reach >= near[:, 0] - BEFORE)
+
+
+def _moved(points: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    return points @ motion[:3, :3].T + motion[:3, 3]
 
 
 def _prepared(points: np.ndarray, centre: np.ndarray):
@@ -105,7 +124,7 @@ def _prepared(points: np.ndarray, centre: np.ndarray):
 def _off(cloud: tuple, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of every moved point: how far (N,) off the surface next to it, [m] inf where none is near; it, and the normal."""
     points, target, tree = cloud
-    moved = points @ motion[:3, :3].T + motion[:3, 3]
+    moved = _moved(points, motion)
     place, square = tree.batch_nearest_neighbor_search(np.column_stack([moved, np.ones(len(moved))]))
     place = np.asarray(place)
     normal = target.normals()[place, :3]
@@ -128,7 +147,7 @@ def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
     A pose that is off is off in more directions than the one which a missing wall leaves open: then what stands behind
     that wall is no reason to move the scan onto its place.
     """
-    if start.on_wall.sum() < LEAST_WALLS or start.upright < LEAST_SHARE or not best.on_wall.any():
+    if start.on_wall.sum() < LEAST_WALLS or start.upright() < LEAST_SHARE or not best.on_wall.any():
         return False
     before, after = (float(np.sqrt(np.mean(np.square(fit.off[fit.on_wall])))) for fit in (start, best))
     return before <= AS_CLOSE[0] * after + AS_CLOSE[1]

@@ -1,8 +1,5 @@
 """Placing scans: the fit is found, measured, and refused where there is none."""
 
-import contextlib
-import dataclasses
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -83,27 +80,25 @@ def test_a_scan_of_another_building_whose_floor_and_ceiling_fit_is_refused():
         placed(prior, scan, limits=FitLimits(least_upright=1.01))
 
 
-def test_a_scan_of_another_room_is_refused_by_a_cloud_too_if_walls_are_asked_for():
-    """Each room's own scan fits its cloud; those of others, put where it was taken from, do not, but for a chance."""
-    limits = dataclasses.replace(OF_CLOUDS, least_upright=0.05)
+def test_a_scan_of_another_room_is_refused_by_a_cloud_too():
+    """Each room's own scan fits its cloud; those of others, put where it was taken from, do not, but for a chance.
+
+    In room 5 the scan looks past the wall that is gone, to one that no cloud shows.
+    """
     cases = list(room_cases("wall_removed", "occluded", 21, range(6)))
-    refused, doubts = 0, []
+    refused = 0
     for case, other in zip(cases, cases[1:] + cases[:1], strict=True):
         cloud = as_cloud(case).cloud
 
-        def lies_on(scan, limits, cloud=cloud):
-            return place(scan, visible(cloud, rays_of_scan(scan)), limits=limits)
+        def lies_on(scan, cloud=cloud):
+            return place(scan, visible(cloud, rays_of_scan(scan)), limits=OF_CLOUDS, hides=True)
 
-        assert lies_on(case.scan, limits).overlap >= OF_CLOUDS.least_overlap and not lies_on(case.scan, limits).notes
+        assert lies_on(case.scan).overlap >= OF_CLOUDS.least_overlap
         turn = case.scan.rotation @ other.scan.rotation.T
         points = ((other.scan.points - other.scan.position) @ turn.T + case.scan.position).astype(np.float32)
-        strange = case.scan._replace(points=points)
         try:
-            lies_on(strange, limits)
+            lies_on(case.scan._replace(points=points))
         except InputError as error:
             refused += 1
             assert "does not fit the prior" in str(error) or "nothing in view" in str(error)
-        # By default many are let pass, and doubted.
-        with contextlib.suppress(InputError):
-            doubts += lies_on(strange, OF_CLOUDS).notes
-    assert refused >= 5 and doubts and all("walls of the prior: is it of this place" in one for one in doubts)
+    assert refused >= 5

@@ -89,3 +89,32 @@ def test_clouds_of_few_points_stay():
     found = register(np.zeros((5, 3)), np.zeros((5, 3)), np.zeros(3))
     np.testing.assert_array_equal(found.motion, np.eye(4))
     assert found.overlap == 0.0 and np.isnan(found.residual)
+
+
+def plane(x, width, step=0.05):
+    """A wall across x, 2.5 m high, about the sensor."""
+    y, z = np.meshgrid(np.arange(-width / 2, width / 2, step), np.arange(-1.2, 1.3, step))
+    return np.column_stack([np.full(y.size, x), y.ravel(), z.ravel()])
+
+
+@pytest.mark.parametrize(
+    "new, all_of_it, that_could_show",
+    [
+        pytest.param(plane(6.0, 4.0), 0.5, 1.0, id="behind a wall that is gone"),
+        pytest.param(plane(2.0, 2.0) - [0.0, 4.0, 0.0], 0.67, 1.0, id="beside the prior"),
+        pytest.param(plane(1.0, 1.0), 0.8, 0.92, id="before a wall, a third of it"),
+        pytest.param(np.zeros((0, 3)), 1.0, 1.0, id="nothing new"),
+    ],
+)
+def test_what_a_prior_could_not_show_is_no_sign_of_another_place(new, all_of_it, that_could_show):
+    """Half of the prior's wall at 3 m, or all of it, is still there; one looks past it, or sees something new."""
+    prior = plane(3.0, 6.0)
+    still_there = prior[np.abs(prior[:, 1]) > 1.0] if len(new) else prior
+    scan = np.concatenate([still_there, new])
+    for hides, expected in ((False, all_of_it), (True, that_could_show)):
+        found = register(scan, prior, np.zeros(3), hides)
+        assert found.upright == pytest.approx(expected, abs=0.06)
+        np.testing.assert_allclose(found.motion, np.eye(4), atol=0.02)
+    away = np.array([10.0, 5.0, 0.0])
+    moved_away = register(scan + away, prior + away, away, True)
+    assert moved_away.upright == pytest.approx(that_could_show, abs=0.06)
