@@ -80,8 +80,7 @@ def _scored(condition: str, seed: int, rooms: int, judges) -> list[dict[str, Any
 
 def _rivals(case: RoomCase) -> dict[str, np.ndarray]:
     """Scores (E,), the higher the likelier gone; 0 of an element without points in view."""
-    prior = case.prior
-    seen = sight(prior.scene, rays_of_scan(case.scan), prior.building.storeys.elevation).prior
+    seen = sight(case.prior, rays_of_scan(case.scan)).prior
     points, scan = seen.points.astype(np.float64), np.asarray(case.scan.points, np.float64)
     apart = np.minimum(nearest_distance(points, scan), FARTHEST)
     along = _m3c2(points, scan)

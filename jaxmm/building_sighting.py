@@ -1,6 +1,7 @@
 """Joins scanner and evidence where the prior is a building: what a robot scan's rays say of its elements.
 
-N points of one side, P rays, E elements. Positions are offsets from the building's origin, world axes: metres, z up.
+N points of one side, P rays, E elements, S storeys. Positions are offsets from the building's origin, world axes:
+metres, z up.
 """
 
 from typing import NamedTuple
@@ -9,6 +10,7 @@ import numpy as np
 
 from jaxmm.cloud_sighting import LEVELS
 from jaxmm.evidence import Frame, Noise, View, margins, noise_of, sigma_at
+from jaxmm.priors import Prior
 from jaxmm.scan_rays import ScanRays, frame_of_rays, measured_points
 from jaxmm.sighting import EVERY, FOOTPRINT, MOST_ANGLE
 from jaxmm.views import Along, view_of_prior, view_of_robot
@@ -25,7 +27,7 @@ VOXEL = 0.1  # [m]
 LAYERS = 6  # of surfaces along a ray, those where it leaves something included
 BEYOND = 0.005  # [m] behind a surface, from where the next is looked for
 AROUND = np.linspace(-1.0, 1.0, 5)  # [m] about the sensor, where floor and ceiling are looked for
-STANDING = 2.5  # [m] most height of a sensor above its floor
+STANDING = (0.3, 2.5)  # [m] least and most height of a sensor above its floor
 FARTHEST = 2.0  # [m] beyond which the distance to the prior's surface is not looked for
 
 
@@ -80,8 +82,9 @@ def surfaces_along(scene: TriangleScene, rays: ScanRays) -> np.ndarray:
     return np.concatenate(found) if found else np.zeros((0, 3), np.float32)
 
 
-def sight(scene: TriangleScene, rays: ScanRays, storeys: np.ndarray) -> Sighting:
-    """Compare a scan with the building, ray by ray; `storeys` are the heights (S,) [m] that they begin at."""
+def sight(prior: Prior, rays: ScanRays) -> Sighting:
+    """Compare a scan with a building, ray by ray."""
+    scene = prior.scene
     expected = hits_of(scene, rays.position, rays.direction)
     thin = slice(None, rays.measured, EVERY)
     with np.errstate(invalid="ignore"):  # no return where none was expected
@@ -103,7 +106,7 @@ def sight(scene: TriangleScene, rays: ScanRays, storeys: np.ndarray) -> Sighting
     return Sighting(
         _prior_view(scene, rays, (expected, margin, noise), (places[kept], reach[kept], element[kept]), measured[own]),
         _robot_view(scene, rays, (expected, margin, noise), (measured[own], own)),
-        frame_of_rays(rays, *levels_of(scene, rays, measured, storeys)),
+        frame_of_rays(rays, *levels_of(scene, rays, measured, prior.building.storeys.elevation)),
         expected, margin, noise, places, reached,
     )  # fmt: skip
 
@@ -113,7 +116,8 @@ def levels_of(scene: TriangleScene, rays: ScanRays, points: np.ndarray, storeys:
 
     They are the middle ones of some around it: it may stand in a doorway, by a stair, or at a table. Where the building
     has none, whatever is under and above it tells; else walls and columns around its height; else what was measured.
-    Where the floor lies farther below than a sensor stands, the storey that begins in between tells: it has no slab.
+    Where the floor lies farther below than a sensor stands, a storey tells that begins where it may stand: it has no
+    slab. `storeys` (S,) [m] are the heights that they begin at; of ceilings they tell nothing.
     """
     floor, ceiling = (rays.position[2] + way * _clearance(scene, rays.position, way) for way in (-1.0, 1.0))
     if not (np.isfinite(floor) and np.isfinite(ceiling)):
@@ -126,8 +130,10 @@ def levels_of(scene: TriangleScene, rays: ScanRays, points: np.ndarray, storeys:
         )
         floor = floor if np.isfinite(floor) else min(ends[0], rays.position[2])
         ceiling = ceiling if np.isfinite(ceiling) else max(ends[1], rays.position[2])
-    if rays.position[2] - floor > STANDING:
-        floor = max([floor, *storeys[storeys < rays.position[2]]])
+    height = rays.position[2] - storeys
+    without_slab = storeys[(height >= STANDING[0]) & (height <= STANDING[1])]
+    if rays.position[2] - floor > STANDING[1] and len(without_slab):
+        floor = without_slab.max()
     return float(floor), float(max(ceiling, floor + 0.5))
 
 

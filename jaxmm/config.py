@@ -249,8 +249,8 @@ def parse(text: str, where: str) -> Config:
     return build(Config, values, where)
 
 
-def build(kind: type, values: dict[str, Any], where: str) -> Any:
-    """Fill the settings class `kind`, checking names, types and ranges.
+def build(kind: type, values: dict[str, Any], where: str, others: Any = None) -> Any:
+    """Fill the settings class `kind`, checking names, types and ranges; what is not said is of `others`, or a default.
 
     Raises:
         ConfigError: one line that names the setting, what was expected and what came.
@@ -260,7 +260,7 @@ def build(kind: type, values: dict[str, Any], where: str) -> Any:
         raise ConfigError(f"{where}: unknown {', '.join(sorted(unknown))}; expected some of {', '.join(fields)}")
     converted = {key: _convert(fields[key], value, f"{where}: {key}") for key, value in values.items()}
     try:
-        return kind(**converted)
+        return kind(**converted) if others is None else dataclasses.replace(others, **converted)
     except ConfigError:
         raise
     except ValueError as error:
@@ -272,7 +272,7 @@ def _convert(field: dataclasses.Field, value: Any, where: str) -> Any:
         if not isinstance(value, dict):
             raise ConfigError(f"{where}: expected a table, got {value!r}")
         try:
-            return build(field.type, value, where)
+            return build(field.type, value, where, None if field.default is dataclasses.MISSING else field.default)
         except ConfigError as error:
             message = str(error)
             raise ConfigError(message if message.startswith(where) else f"{where}: {message}") from error

@@ -88,9 +88,12 @@ def _doubts(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
 def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
     try:
         rays = rays_of_scan(one.scan)
-        shown = surfaces_along(prior.scene, rays) if prior.has_elements else visible(prior.cloud, rays)
-        limits = settings.limits if prior.has_elements else settings.cloud_limits
-        return place(one.scan, shown, refine=settings.refine, limits=limits, hides=not prior.has_elements)
+        if prior.has_elements:
+            return place(one.scan, surfaces_along(prior.scene, rays), refine=settings.refine, limits=settings.limits)
+        return place(
+            one.scan, visible(prior.cloud, rays), refine=settings.refine, limits=settings.cloud_limits,
+            in_sight_only=True,
+        )  # fmt: skip
     except (InputError, ValueError) as error:
         raise InputError(f"{one.file}: {error}") from error
 
@@ -102,7 +105,7 @@ def look_at(prior: Prior, rays: ScanRays, judges: Judges) -> tuple[Looked, Told 
         frame, nothing = compared.frame, np.full(len(rays.distance), np.inf, np.float32)
         added, removed = judge(judges, compared.robot, frame, "added"), judge(judges, compared.prior, frame, "removed")
         return Looked(rays, nothing, added, removed, (frame.floor, frame.ceiling)), None
-    seen = sight(prior.scene, rays, prior.building.storeys.elevation)
+    seen = sight(prior, rays)
     added, removed = judge(judges, seen.robot, seen.frame, "added"), judge(judges, seen.prior, seen.frame, "removed")
     told = told_of(seen.reached, removed.view.element, removed.view.count, removed.probability)
     return Looked(rays, seen.expected.distance, added, removed, (seen.frame.floor, seen.frame.ceiling)), told
@@ -174,7 +177,7 @@ def _records(
         }  # fmt: skip
         pose = _pose_of(fit.scan, prior.origin)
         records.append(ScanRecord(
-            one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, one.notes,
+            one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, (*one.notes, *fit.notes),
             int(shows[number]), int(alone[number]),
         ))  # fmt: skip
     return tuple(records)

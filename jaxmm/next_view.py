@@ -121,7 +121,8 @@ def _on_floor(stage: Stage, stand: Stand, places: np.ndarray) -> np.ndarray:
     """Of places (C, 3) inside the building those that have the sensor's floor beneath, at its height above that.
 
     A building without anything beneath the sensor, or around it, is asked neither for floors nor for its inside: it is
-    then the scan's own floor that all places stand on.
+    then the scan's own floor that all places stand on. So do they on a storey without a slab: the sensor and most of
+    the places have the ground far below.
     """
     here = stand.position[None]
     if inside(stage.building, stage.scene, here)[0]:
@@ -131,6 +132,8 @@ def _on_floor(stage: Stage, stand: Stand, places: np.ndarray) -> np.ndarray:
     drop = cast_triangles(stage.scene, Rays(origin, down)).distance[:, 0].astype(np.float64)
     if np.isinf(drop[0]):
         drop[np.isinf(drop)] = height
+    elif min(drop[0], np.median(drop)) > height + LEVEL:
+        drop[drop > height] = height
     drop = drop[1:]
     level = np.abs(drop - height) < LEVEL
     return places[level] + np.column_stack([np.zeros((level.sum(), 2)), height - drop[level]])

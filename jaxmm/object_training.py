@@ -9,7 +9,6 @@ well it does.
 """
 
 import argparse
-import dataclasses
 import hashlib
 import json
 from concurrent.futures import ProcessPoolExecutor
@@ -36,7 +35,6 @@ from jaxmm.progress import bar_of
 from jaxmm.room_scans import RoomCase, as_cloud, room_cases, true_boxes
 from jaxmm.scan_rays import rays_of_scan
 from jaxmm.weights import DEFAULT
-from warp_scanner.pairs import PRESETS
 
 SEED = 4  # of the rooms: of no other training, validation or test
 AT_ONCE = 20  # rooms of one draw
@@ -47,7 +45,7 @@ TOUCHING = ("never", "never", "never", "never", "structure", "walls")
 KINDS_OF_ROOM = (*4 * ("varied",), "thesis")
 SENSORS = (*6 * ("oak-d-pro-small",), "oak-d-pro-small-real", "ouster-64")
 CLOUDS = 0.1  # share of draws whose prior is a cloud
-SMALL = 0.3  # and with things of sizes that the presets hardly draw and buildings have
+SMALL = 0.3  # and with smaller things too: buildings have pillars below 0.3 m and walls below 1.5 m, the presets none
 SMALL_PILLARS, SMALL_WALLS = (0.15, 0.9), (0.8, 3.5)  # [m] widths of pillars, lengths of changed walls
 ALONG, ANYHOW = 0.2, 0.3  # shares of rooms whose grid is that of a changed object, or any
 WITHIN = 0.12  # [m] of a box a point may be off
@@ -74,8 +72,7 @@ def examples_of_draw(number: int) -> Examples:
     if of_cloud and condition == "occluded" and draw.random() < 0.5:
         changed["prior_furniture"] = "moved"
     if draw.random() < SMALL:
-        small = dataclasses.replace(PRESETS[kind].room, pillar_width=SMALL_PILLARS)
-        changed |= {"room": small, "wall_length": SMALL_WALLS}
+        changed |= {"room": {"pillar_width": SMALL_PILLARS}, "wall_length": SMALL_WALLS}
     rooms, judges = range(number * AT_ONCE, (number + 1) * AT_ONCE), read_judges(DEFAULT)
     cases = room_cases(scene, condition, SEED, rooms, **changed)
     return _joined(

@@ -48,11 +48,11 @@ class Solid(NamedTuple):
     probability: float = 1.0  # that it is real
 
 
-class Beyond(NamedTuple):
+class Continuation(NamedTuple):
     """What may be of a wall beyond one end of its face."""
 
     reach: float  # [m] how much further it may go on; inf where one does not see it end
-    hidden: bool  # whether something hides all of that; else nobody looks at some of it
+    hidden: bool  # whether one sees it end, and something hides all of the way there
 
 
 STEP = 0.1  # [m] in which the line of a face is followed beyond its end
@@ -83,7 +83,7 @@ def wall_behind(
     # A pillar before the wall, say, is none of its length.
     place = (offset @ face.along)[np.abs(depth) <= settings.most_thickness]
     low, high = float(place.min()), float(place.max())
-    before, after = _made_up(high - low, [_beyond(sight, wall, way, settings) for way in (-1.0, 1.0)], settings)
+    before, after = _made_up(high - low, [_continuation(sight, wall, way, settings) for way in (-1.0, 1.0)], settings)
     low, high = low - before, high + after
     center = face.center + face.along * (low + high) / 2 - wall.toward * thickness / 2
     return Solid("wall", "rectangular", center, np.array([high - low, thickness]), face.along, members)
@@ -102,22 +102,22 @@ def reach(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> flo
     Infinite where that is out of view, or too far away. Right before a sensor that sees it nothing goes on: a robot
     stands there.
     """
-    return _beyond(sight, piece, way, settings).reach
+    return _continuation(sight, piece, way, settings).reach
 
 
-def _beyond(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> Beyond:
+def _continuation(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> Continuation:
     to_sensor = np.unique(sight.origin[piece.members, :2], axis=0) - _end(piece, way)
     ahead, beside = way * to_sensor @ piece.face.along, np.abs(to_sensor @ piece.face.across)
     if np.any((ahead > 0.0) & (ahead < settings.around_sensor) & (beside < settings.around_sensor / 2)):
-        return Beyond(0.0, True)
-    found = _steps_beyond(sight, piece, way, settings)
+        return Continuation(0.0, True)
+    found = _steps_continuation(sight, piece, way, settings)
     ended = next((number for number, one in enumerate(found) if _shows_the_end(one)), None)
     if ended is None:
-        return Beyond(np.inf, False)
-    return Beyond(ended * STEP, all(one.total for one in found[:ended]))
+        return Continuation(np.inf, False)
+    return Continuation(ended * STEP, all(one.total for one in found[:ended]))
 
 
-def _steps_beyond(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> list[Crossings]:
+def _steps_continuation(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> list[Crossings]:
     steps = round(settings.hidden_end / STEP)
     near = _end(piece, way) + way * piece.face.along * settings.tolerance
     far = near + way * piece.face.along * steps * STEP
@@ -173,15 +173,15 @@ def _looked_through(sight: Sight, wall: Piece, end: np.ndarray, thickness: float
     return crossings(sight, patch, settings.tolerance).free > settings.free
 
 
-def _made_up(length: float, beyond: list[Beyond], settings: WallSettings) -> tuple[float, float]:
+def _made_up(length: float, ends: list[Continuation], settings: WallSettings) -> tuple[float, float]:
     """How far [m] a wall is taken to go on beyond either end.
 
     Half of the way that something hides. And where it may go on, until it is as long as walls usually are.
     """
-    sure = [one.reach / 2 if one.hidden else 0.0 for one in beyond]
+    sure = [one.reach / 2 if one.hidden else 0.0 for one in ends]
     more = [
         min(one.reach, settings.hidden_end) - grown if one.reach >= settings.shown else 0.0
-        for one, grown in zip(beyond, sure, strict=True)
+        for one, grown in zip(ends, sure, strict=True)
     ]
     missing = max(settings.usual_length - length - sum(sure), 0.0)
     share = min(missing / max(sum(more), 1e-6), 1.0)

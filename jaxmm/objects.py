@@ -68,6 +68,8 @@ class ObjectSettings(SolidSettings):
     def __post_init__(self):
         if not 0.0 <= self.threshold <= 1.0:
             raise ValueError(f"threshold must lie in [0, 1], got {self.threshold}")
+        if not 0.0 <= self.least_type <= 0.5:  # beyond, what is likelier one of both would be neither
+            raise ValueError(f"least_type must lie in [0, 0.5], got {self.least_type}")
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not np.all(np.asarray(value) >= 0.0):  # also false for NaN
@@ -90,7 +92,8 @@ def find_objects(
         settings: by default those that were best in validation rooms.
         known: wall thicknesses and column sections of the building, taken on where they fit, and its surface.
         judge: what tells pillars, walls and neither apart; by default the one that is shipped.
-        allows: whether something else, such as the rays, allows an object; one that is not takes no points from others.
+        allows: whether something else, such as the rays, allows an object; one that is not is tried as the other type,
+            and else takes no points from others.
 
     Returns:
         Objects, the surest first, unlikely ones too. Their order and content do not depend on the order of the points.
@@ -114,7 +117,10 @@ def find_objects(
 def _solids(
     sight: Sight, one: Candidate, share: np.ndarray, settings: ObjectSettings, known: KnownBuilding
 ) -> Iterator[Solid]:
-    """A candidate as what it is likelier, then as the other: what the rays refuse as a pillar may be a thin wall."""
+    """A candidate as what it is likelier, then as the other: what the rays refuse as a pillar may be a thin wall.
+
+    None where the likelier tells nothing of its shape.
+    """
     nothing, pillar, wall = share
     real = 1.0 - nothing
     probability = float(real / (real + settings.rarer * nothing))
@@ -122,8 +128,9 @@ def _solids(
         if (wall if is_wall else pillar) < settings.least_type * real:
             continue
         solid = solid_of(sight, one, is_wall, settings, known)
-        if solid is not None:
-            yield solid._replace(probability=probability)
+        if solid is None:
+            return
+        yield solid._replace(probability=probability)
 
 
 def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None = None) -> Examined:

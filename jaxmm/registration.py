@@ -40,7 +40,10 @@ class Registration(NamedTuple):
     residual_before: float  # the same at the start; both NaN where nothing matches
     overlap: float  # share of the scan's points that match
     overlap_before: float  # the same at the start
-    upright: float  # of its points on walls that the prior could show, the share that match walls; NaN without any
+    upright: float  # of its points on walls and the like that are asked, the share that match walls; NaN without any
+    asked: (
+        float  # share of its points on walls that are asked: all, or those that the prior could show; NaN without any
+    )
 
 
 class _Fit(NamedTuple):
@@ -59,21 +62,20 @@ class _Fit(NamedTuple):
         match = np.abs(self.off) < CUT
         return 1.4826 * float(np.median(np.abs(self.off[match]))) if match.any() else np.nan
 
-    def upright(self, shown: np.ndarray | None = None) -> float:
-        """Share of the points on walls that match one: of all of them, or of those shown (N,)."""
-        wall = self.wall if shown is None else self.wall & shown
-        return float(self.on_wall[wall].mean()) if wall.any() else np.nan
+    @property
+    def upright(self) -> float:
+        return float(self.on_wall[self.wall].mean()) if self.wall.any() else np.nan
 
 
-def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, hides: bool = False) -> Registration:
+def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sight_only: bool = False) -> Registration:
     """Fit a scan to the prior (GICP: Segal et al. 2009; open directions as in Zhang et al. 2016).
 
     Args:
         scan: (N, 3) [m] world, as believed.
         prior: (M, 3) [m] world, what the prior shows from there, densely.
         sensor: (3,) [m] where the scan is believed to be taken from; motions turn about it.
-        hides: whether the prior shows from there only what it hides nothing of, as another scan does; what lies behind
-            that, or beside it, is then no sign of another place.
+        in_sight_only: whether the prior holds only what is in sight from there, as a scan does: walls behind that, or
+            beside it, are then no sign of another place, and are not asked whether they match.
 
     Returns:
         The motion; none where either cloud has too few points to tell.
@@ -82,7 +84,7 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, hides: boo
     target, tree = _prepared(prior, centre)
     source, _ = _prepared(scan, centre)
     if min(target.size(), source.size()) < 4 * NEIGHBOURS:
-        return Registration(np.eye(4), np.nan, np.nan, 0.0, 0.0, np.nan)
+        return Registration(np.eye(4), np.nan, np.nan, 0.0, 0.0, np.nan, np.nan)
     cloud = (source.points()[:, :3], target, tree)
     motions = [np.eye(4)]
     for ladder in LADDERS:
@@ -100,8 +102,11 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, hides: boo
         best = _cheapest(cloud, motions, EXACT)
     found = _fit(cloud, normals, best)
     about = _shifted(centre) @ best @ _shifted(-centre)
-    shown = _could_show(target.points()[:, :3], _moved(source.points()[:, :3], best)) if hides else None
-    return Registration(about, found.residual, start.residual, found.overlap, start.overlap, found.upright(shown))
+    asked = found
+    if in_sight_only:
+        asked = found._replace(wall=found.wall & _could_show(target.points()[:, :3], _moved(cloud[0], best)))
+    share = float(asked.wall.sum() / found.wall.sum()) if found.wall.any() else np.nan
+    return Registration(about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share)
 
 
 def _could_show(prior: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -147,7 +152,7 @@ def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
     A pose that is off is off in more directions than the one which a missing wall leaves open: then what stands behind
     that wall is no reason to move the scan onto its place.
     """
-    if start.on_wall.sum() < LEAST_WALLS or start.upright() < LEAST_SHARE or not best.on_wall.any():
+    if start.on_wall.sum() < LEAST_WALLS or start.upright < LEAST_SHARE or not best.on_wall.any():
         return False
     before, after = (float(np.sqrt(np.mean(np.square(fit.off[fit.on_wall])))) for fit in (start, best))
     return before <= AS_CLOSE[0] * after + AS_CLOSE[1]

@@ -38,15 +38,16 @@ def room_cases(scene: str, condition: str, seed: int, rooms: range, **changed: A
         condition: "clean" or "occluded".
         seed: of the rooms.
         rooms: their numbers.
-        changed: fields of a PairConfig, a sensor by name too, and `preset`: which of PRESETS has the others, by default
-            "varied".
+        changed: fields of a PairConfig, a sensor by name too, of `room` those that differ, and `preset`: which of
+            PRESETS has the others, by default "varied".
     """
     given = {"sensor": OAK_D_PRO_SMALL} | changed
     if isinstance(given["sensor"], str):
         given["sensor"] = sensor_named(given["sensor"])
-    settings = dataclasses.replace(
-        PRESETS[given.pop("preset", "varied")], scenario=scene, condition=condition, seed=seed, **given
-    )
+    preset = PRESETS[given.pop("preset", "varied")]
+    if isinstance(given.get("room"), dict):
+        given["room"] = dataclasses.replace(preset.room, **given["room"])
+    settings = dataclasses.replace(preset, scenario=scene, condition=condition, seed=seed, **given)
     yield from cases_of(settings, rooms)
 
 

@@ -64,3 +64,5 @@ def test_a_storey_without_a_slab_has_its_floor_where_it_begins():
     assert levels_at((0, 0, 4.6), *below, *OUTSIDE, storeys=(0.0, 3.4, 6.8))[0] == pytest.approx(3.4)
     assert levels_at((0, 0, 2.2), *below, *OUTSIDE, storeys=(0.0, 1.5, 3.4))[0] == pytest.approx(0.0, abs=1e-3)
     assert levels_at((0, 0, 4.6), *below, *OUTSIDE, storeys=(0.0, 6.8))[0] == pytest.approx(0.0, abs=1e-3)
+    landing = levels_at((0, 0, 3.2), *below, *OUTSIDE, storeys=(0.0, 3.0))  # below a storey's floor, on a stair
+    assert landing[0] == pytest.approx(0.0, abs=1e-3)

@@ -8,14 +8,16 @@ import pytest
 from jaxmm.box_match import match_boxes
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.detection import NamedScan, detect_scans, look_at
 from jaxmm.inputs import InputError
-from jaxmm.placement import FitLimits
+from jaxmm.placement import OF_CLOUDS, FitLimits
 from jaxmm.priors import prior_of_building, prior_of_cloud
 from jaxmm.report import box_of
-from jaxmm.room_scans import room_cases, true_boxes
+from jaxmm.room_scans import as_cloud, room_cases, true_boxes
+from jaxmm.scan_rays import rays_of_scan
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
+from warp_scanner.scenes import FLOOR
 
 UNSEEN_SEED = 78  # that no training, validation or test of ours uses
 AS_IS = DetectSettings(refine=False, propose_views=False)
@@ -122,6 +124,37 @@ def test_a_cloud_is_a_prior_too(judges):
             total += 1
             right += len(match_boxes([box_of(one) for one in found.mismatches if one.mismatch_type == "removed"], true))
     assert total >= 2 and right >= total - 1
+
+
+def test_a_cloud_refuses_what_was_scanned_elsewhere_and_takes_what_looks_past_a_wall_that_is_gone(judges):
+    """In room 4 of this seed most of the walls in view are behind the one that is gone, which no cloud shows."""
+    walls_asked = dataclasses.replace(OF_CLOUDS, least_upright=0.6)
+    registered = dataclasses.replace(AS_IS, refine=True, cloud_limits=walls_asked)
+    case, other = room_cases("wall_removed", "occluded", 21, range(4, 6))
+    cloud = as_cloud(case)
+    found = detect_scans(cloud, [named(case.scan)], judges, registered)
+    assert [(one.object_type, one.mismatch_type) for one in found.mismatches] == [("wall", "removed")]
+    turn = case.scan.rotation @ other.scan.rotation.T
+    points = ((other.scan.points - other.scan.position) @ turn.T + case.scan.position).astype(np.float32)
+    with pytest.raises(InputError, match=r"strange: the scan does not fit the prior"):
+        detect_scans(cloud, [named(case.scan._replace(points=points), "strange")], judges, registered)
+
+
+def test_the_floor_of_a_storey_without_a_slab_is_where_it_begins(judges):
+    """A room of the generator whose floor is 3.4 m lower, on a storey of that height."""
+    (case,) = room_cases("pillar_added", "clean", UNSEEN_SEED, range(1))
+    building = case.prior.building
+    level = building.triangles.semantic == FLOOR
+    vertices = building.triangles.vertices.copy()
+    of_floor = np.unique(building.triangles.faces[level[building.triangles.element]])
+    vertices[of_floor, 2] -= 3.4
+    rays = rays_of_scan(case.scan)
+    floor = look_at(case.prior, rays, judges)[0].levels[0]
+    for elevation, expected in ((floor, floor), (floor + 40.0, floor - 3.4)):
+        storeys = building.storeys._replace(elevation=np.array([elevation]))
+        open_below = building._replace(triangles=building.triangles._replace(vertices=vertices), storeys=storeys)
+        found = look_at(prior_of_building(open_below), rays, judges)[0].levels[0]
+        assert found == pytest.approx(expected, abs=0.02)
 
 
 def test_a_scan_that_does_not_fit_names_its_file(judges):

@@ -111,6 +111,15 @@ def test_a_hole_in_the_floor_is_no_place():
     assert place[0] > 0.0
 
 
+def test_on_a_storey_without_a_slab_places_stand_at_the_sensors_height():
+    """The same place as in the hall, 3.4 m above the only floor."""
+    up = np.array([0.0, 0.0, 3.4])
+    open_storey = (HALL[0], *moved((HALL[1], HIDDEN, SCREEN), up))
+    ((place, _, _),) = next_views(stage(open_storey, (Stand(SENSOR + up, 3.4, ANY),)), np.array([2]))
+    ((same, _, _),) = next_views(stage(), np.array([2]))
+    np.testing.assert_allclose(place, same + up, atol=1e-5)
+
+
 def test_nobody_stands_on_a_platform_whether_there_is_a_floor_or_not():
     long, platform = ((0, 0, 1.5), (0.1, 20.0, 1.5), WALL), ((10.5, 0, 0.375), (10.0, 20.0, 0.375), FLOOR)
     ((place, _, _),) = next_views(stage((HIDDEN, long)), np.array([0]))

@@ -147,6 +147,11 @@ def test_what_is_refused_as_the_likelier_type_is_tried_as_the_other_unless_that_
     assert found.box.probability == pytest.approx(0.9 / (0.9 + ObjectSettings().rarer * 0.1))
 
 
+def test_what_tells_nothing_of_its_shape_as_the_likelier_type_is_not_tried_as_the_other():
+    """A post of 0.1 m, seen to go on nowhere, would be the end of a wall of 2 m."""
+    assert find_objects(judged(pillar(1.5, 0.5, 0.1)), judge=says(0.1, 0.7, 0.2)) == []
+
+
 @pytest.mark.parametrize("gap", [0.0, 0.15, 0.4])
 @pytest.mark.parametrize("kind", [BOX, CYLINDER])
 def test_a_pillar_behind_a_low_cabinet_stands_on_the_floor(gap, kind):

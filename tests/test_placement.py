@@ -1,5 +1,7 @@
 """Placing scans: the fit is found, measured, and refused where there is none."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -91,9 +93,9 @@ def test_a_scan_of_another_room_is_refused_by_a_cloud_too():
         cloud = as_cloud(case).cloud
 
         def lies_on(scan, cloud=cloud):
-            return place(scan, visible(cloud, rays_of_scan(scan)), limits=OF_CLOUDS, hides=True)
+            return place(scan, visible(cloud, rays_of_scan(scan)), limits=OF_CLOUDS, in_sight_only=True)
 
-        assert lies_on(case.scan).overlap >= OF_CLOUDS.least_overlap
+        assert lies_on(case.scan).shift < 0.05 and not lies_on(case.scan).notes
         turn = case.scan.rotation @ other.scan.rotation.T
         points = ((other.scan.points - other.scan.position) @ turn.T + case.scan.position).astype(np.float32)
         try:
@@ -102,3 +104,15 @@ def test_a_scan_of_another_room_is_refused_by_a_cloud_too():
             refused += 1
             assert "does not fit the prior" in str(error) or "nothing in view" in str(error)
     assert refused >= 5
+
+
+def test_where_a_prior_could_show_hardly_any_of_the_walls_that_is_said_and_nothing_is_asked_of_them():
+    """Of a prior that is floor and a strip of a wall."""
+    (case,) = room_cases("unchanged", "clean", 21, range(1))
+    scan, cloud = case.scan, as_cloud(case).cloud
+    seen = visible(cloud, rays_of_scan(scan))
+    ahead = (seen - scan.position) @ scan.rotation[:, 1]
+    little = seen[(seen[:, 2] < seen[:, 2].min() + 0.05) | (np.abs(ahead) < 0.15)]
+    kept = place(scan, little, limits=dataclasses.replace(OF_CLOUDS, least_upright=1.01), in_sight_only=True)
+    assert len(kept.notes) == 1 and "could show only" in kept.notes[0]
+    assert not place(scan, seen, limits=OF_CLOUDS, in_sight_only=True).notes

@@ -107,14 +107,14 @@ def plane(x, width, step=0.05):
     ],
 )
 def test_what_a_prior_could_not_show_is_no_sign_of_another_place(new, all_of_it, that_could_show):
-    """Half of the prior's wall at 3 m, or all of it, is still there; one looks past it, or sees something new."""
+    """Two thirds of the prior's wall at 3 m, or all of it, are still there; one looks past it, or at something new."""
     prior = plane(3.0, 6.0)
     still_there = prior[np.abs(prior[:, 1]) > 1.0] if len(new) else prior
     scan = np.concatenate([still_there, new])
-    for hides, expected in ((False, all_of_it), (True, that_could_show)):
-        found = register(scan, prior, np.zeros(3), hides)
+    for in_sight_only, expected in ((False, all_of_it), (True, that_could_show)):
+        found = register(scan, prior, np.zeros(3), in_sight_only=in_sight_only)
         assert found.upright == pytest.approx(expected, abs=0.06)
         np.testing.assert_allclose(found.motion, np.eye(4), atol=0.02)
     away = np.array([10.0, 5.0, 0.0])
-    moved_away = register(scan + away, prior + away, away, True)
+    moved_away = register(scan + away, prior + away, away, in_sight_only=True)
     assert moved_away.upright == pytest.approx(that_could_show, abs=0.06)
