@@ -110,7 +110,8 @@ class Page:
         events = (json.loads(one["message"])["message"] for one in self.driver.get_log("performance"))
         asked = {one["params"]["request"]["url"] for one in events if one["method"] == "Network.requestWillBeSent"}
         timed = set(self.run("return performance.getEntriesByType('resource').map((one) => one.name)"))
-        return {address for address in asked | timed if not address.startswith("data:")}
+        # Chromium's own start page may still be loading: its pictures are none that another page can ask for.
+        return {address for address in asked | timed if not address.startswith(("data:", "chrome://"))}
 
     def run(self, script, *arguments):
         return self.driver.execute_script(script, *arguments)
