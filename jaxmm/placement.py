@@ -10,11 +10,12 @@ import numpy as np
 
 from jaxmm.config import bounded
 from jaxmm.inputs import InputError
-from jaxmm.registration import register
+from jaxmm.registration import Registration, register
 from jaxmm.scan_rays import PosedScan
 
 MOST_POINTS = 60_000  # that a scan is registered by; it is thinned to one in 0.1 m anyway
 LEAST_POINTS = 50  # of the prior in view, to compare anything with
+DOUBTED = 0.3  # share of what it sees of walls that lies on walls, below which it may be of another place
 LEAST_ASKED = 0.2  # share of what it sees of walls that the prior must be able to show, for walls to tell of the place
 
 
@@ -98,7 +99,12 @@ def place(
     )
     angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0)))
     shift = float(np.linalg.norm(moved.position - scan.position))
-    notes = ()
+    return Placed(moved, shift, float(angle), found.residual, overlap, found.overlap_before, _doubts(found))
+
+
+def _doubts(found: Registration) -> tuple[str, ...]:
     if found.asked < LEAST_ASKED:  # false for NaN, of a scan without walls
-        notes = (f"the prior could show only {found.asked:.0%} of the walls that it sees: is it of this place?",)
-    return Placed(moved, shift, float(angle), found.residual, overlap, found.overlap_before, notes)
+        return (f"the prior could show only {found.asked:.0%} of the walls that it sees: is it of this place?",)
+    if found.upright < DOUBTED:
+        return (f"only {found.upright:.0%} of what it sees of walls lies on walls of the prior: is it of this place?",)
+    return ()

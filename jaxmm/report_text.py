@@ -177,8 +177,9 @@ def _scans(scans: Iterable[ScanRecord]) -> list[str]:
         )
         lines.append(f"   - {told}. Registration: {fitted or 'none'}.")
         changed = ", ".join(f"{count} {name}" for name, count in one.told.items() if count)
-        lines.append(f"   - Elements whose verdict it changed: {changed or 'none'}.")
-        lines.append(f"   - Mismatches that it shows: {one.shows}; of {one.alone} of them all others show too little.")
+        lines.append(f"   - Elements that have another verdict by it than before: {changed or 'none'}.")
+        alone = f", {one.alone} of them alone: of these the other scans show too little" if one.alone else ""
+        lines.append(f"   - Mismatches that it shows: {one.shows}{alone}.")
         lines += [f"   - {escaped(note)}" for note in one.notes]
     return lines
 

@@ -18,7 +18,6 @@ WIDTH, HEIGHT = 12.8, 7.5  # [inch]; every position of the page below is in inch
 COLUMN, BOX_WIDTH, BOX_HEIGHT = 1.57, 1.36, 0.86
 TOP_ROW, SECOND_ROW = 6.0, 4.62
 SCANNER_FILL, LEARNER_FILL, INPUT_FILL = "#E3EFF8", "#E2F3EC", "#F1F1F1"
-PLANNED = {"evidence", "verdicts", "report"}  # drawn dashed: the story has them, the code not yet
 
 
 class Block(NamedTuple):
@@ -90,7 +89,6 @@ def draw_pipeline(page: Axes) -> None:
             _arrow(page, (_right(column - 1), _middle(SECOND_ROW)), (_left(column), _middle(SECOND_ROW)))
     for column in (2, 3):  # a building takes the place of drawn rooms, a real scan that of a virtual one
         _arrow(page, (_center(column), SECOND_ROW + BOX_HEIGHT), (_center(column), TOP_ROW))
-    page.text(_left(3) + 1.5, SECOND_ROW + 0.1, "dashed: still to come", fontsize=9, color=GREY)
     question = "One robot scan, one building model:\nwhat was added, what was removed,\nand what could not be seen?"
     page.text(_left(0), _middle(SECOND_ROW), question, va="center", fontsize=11.5, style="italic", linespacing=1.35)
     # From the network back to the column of the boxes, in the gap between the rows.
@@ -219,9 +217,8 @@ def _box(page: Axes, column: int, row: float, name: str, text: str, fill: str) -
         BOX_WIDTH,
         BOX_HEIGHT,
         boxstyle="round,pad=0,rounding_size=0.09",
-        facecolor="white" if name in PLANNED else fill,
-        edgecolor=GREY if name in PLANNED else PALE,
-        linestyle="--" if name in PLANNED else "-",
+        facecolor=fill,
+        edgecolor=PALE,
         linewidth=1.2,
     )
     page.add_patch(shape)

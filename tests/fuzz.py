@@ -63,7 +63,7 @@ def _flaw(read: Callable[[Path], None], path: Path, said: int) -> str:
     """What is wrong with how a reader took a file; empty when nothing is."""
     before = _peak()
     signal.setitimer(signal.ITIMER_PROF, SECONDS)
-    signal.setitimer(signal.ITIMER_REAL, 60 * SECONDS)  # for one that sleeps; a busy machine is slow
+    signal.setitimer(signal.ITIMER_REAL, 10 * SECONDS)  # for one that sleeps; a busy machine is slow
     flaw = ""
     try:
         read(path)

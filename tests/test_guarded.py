@@ -41,6 +41,19 @@ def sleep(*_):
     time.sleep(600.0)
 
 
+def doze(*_):
+    """Looks now and then whether something has come."""
+    while True:
+        time.sleep(0.05)
+
+
+def work(path, seconds):
+    begun = time.process_time()
+    while time.process_time() - begun < seconds:
+        pass
+    return Plain(str(path), {})
+
+
 def swallow(path, count):
     try:
         return Plain(len(np.ones(count)), {})
@@ -125,10 +138,19 @@ def test_what_goes_wrong_is_one_line(read, options, limits, words, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_sleeps_is_woken(monkeypatch):
-    monkeypatch.setattr(guarded, "_SLEEP", 1)
-    with pytest.raises(ValueError, match=r"a.ifc: .* not done"):
-        read_guarded(sleep, PATH, None, Limits(1, 4 << 30))
+@pytest.mark.parametrize("read", [sleep, doze])
+def test_what_waits_for_ever_is_ended(monkeypatch, read):
+    monkeypatch.setattr(guarded, "_IDLE", 3.0)
+    monkeypatch.setattr(guarded, "_LOOK", 0.5)
+    with pytest.raises(ValueError, match=r"a.ifc: .* computed nothing for 3 s and was not done"):
+        read_guarded(read, PATH, None, LIMITS)
+
+
+def test_what_computes_is_waited_for(monkeypatch):
+    monkeypatch.setattr(guarded, "_IDLE", 1.0)
+    monkeypatch.setattr(guarded, "_LOOK", 0.1)
+    monkeypatch.setattr(guarded, "_LEAST", 0.05)
+    assert read_guarded(work, PATH, 4.0, LIMITS).words == str(PATH)
 
 
 def test_limits_grow_with_the_file(tmp_path):

@@ -116,3 +116,17 @@ def test_where_a_prior_could_show_hardly_any_of_the_walls_that_is_said_and_nothi
     kept = place(scan, little, limits=dataclasses.replace(OF_CLOUDS, least_upright=1.01), in_sight_only=True)
     assert len(kept.notes) == 1 and "could show only" in kept.notes[0]
     assert not place(scan, seen, limits=OF_CLOUDS, in_sight_only=True).notes
+
+
+def test_a_scan_of_which_few_walls_fit_is_asked_about():
+    """Two walls of a room are moved by 1.5 m in its prior, so that what fits is floor, ceiling and hardly any wall."""
+    prior, scan = room(number=0)
+    before = placed(prior, scan)
+    assert not before.notes
+    prior = surfaces_along(prior.scene, rays_of_scan(scan))
+    low, high = np.percentile(prior[:, 2], [1, 99])
+    wall = (prior[:, 2] > low + 0.1) & (prior[:, 2] < high - 0.1)
+    ahead = (prior - scan.position) @ scan.rotation[:, 1]
+    kept = prior[~wall | (np.abs(ahead) < 0.3)]
+    found = place(scan, kept, limits=FitLimits(least_upright=0.0))
+    assert len(found.notes) == 1 and found.notes[0].startswith("only ") and "is it of this place?" in found.notes[0]

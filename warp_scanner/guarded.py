@@ -13,15 +13,19 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
+import psutil
 
 _WORDS = "/words"  # where the archive holds the JSON; no array has such a name
-_SLEEP = 20  # times as long by the clock, for a reader that waits for what never comes
+_IDLE = 60.0  # [s] by the clock, after which a reader that has computed for less than _LEAST waits for what never comes
+_LEAST = 0.5  # [s]; some wake now and then to look whether it has come
+_LOOK = 2.0  # [s] between two looks at it
 
 
 class Plain(NamedTuple):
@@ -60,21 +64,28 @@ def read_guarded(read: Callable[[Path, Any], Plain], path: Path, options: Any, l
     request = json.dumps([read.__module__, read.__name__, str(path), options, limits])
     # The same modules must be found there as here, and none by the chance of the folder that it starts in (-P).
     paths = os.pathsep.join(place for place in sys.path if place)
-    try:
-        done = subprocess.run(
-            [sys.executable, "-P", "-c", f"from {__name__} import answer; answer()"],
-            input=request.encode(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=_SLEEP * limits.seconds,
-            env=os.environ | {"PYTHONPATH": paths}, check=False,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired as error:
-        raise ValueError(f"{path}: {_stalled(limits)}") from error
-    if done.returncode == -signal.SIGXCPU:
-        raise ValueError(f"{path}: {_stalled(limits)}")
-    if done.returncode:
-        how = f"was killed by {signal.Signals(-done.returncode).name}" if done.returncode < 0 else "ended"
+    with subprocess.Popen(
+        [sys.executable, "-P", "-c", f"from {__name__} import answer; answer()"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": paths},
+    ) as process:  # fmt: skip
+        try:
+            reply = _reply(process, request.encode())
+        except BaseException:  # such as being interrupted: leaving would wait for the process
+            process.kill()
+            raise
+    if reply is None:
+        raise ValueError(f"{path}: expected a whole file: the reader computed nothing for {_IDLE:g} s and was not done")
+    if process.returncode == -signal.SIGXCPU:
+        raise ValueError(
+            f"{path}: expected a file that is read within {limits.seconds} s of computing, the reader was not done by "
+            "then"
+        )
+    if process.returncode:
+        how = f"was killed by {signal.Signals(-process.returncode).name}" if process.returncode < 0 else "ended"
         raise ValueError(f"{path}: expected a whole file: the reader {how} within it")
     try:
-        made, plain = _loaded(done.stdout)
+        made, plain = _loaded(reply)
     except (ValueError, TypeError, KeyError, OSError, EOFError, MemoryError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path}: expected a whole file: the reader's answer cannot be read") from error
     if not made:
@@ -82,8 +93,28 @@ def read_guarded(read: Callable[[Path, Any], Plain], path: Path, options: Any, l
     return plain
 
 
-def _stalled(limits: Limits) -> str:
-    return f"expected a file that is read within {limits.seconds} s of computing, the reader was not done by then"
+def _reply(process: subprocess.Popen, request: bytes) -> bytes | None:
+    """What a process says when it is asked; None of one that hardly computes, which is killed.
+
+    Nobody is told by the clock alone: a busy machine must not refuse what is well.
+    """
+    own = psutil.Process(process.pid)
+    looked, computed = time.monotonic(), 0.0
+    while True:
+        try:
+            return process.communicate(request, timeout=_LOOK)[0]
+        except subprocess.TimeoutExpired:
+            request = None  # it has been sent
+        try:
+            now = sum(own.cpu_times()[:2])  # of the process itself, user and system
+        except psutil.NoSuchProcess:
+            continue  # it has just ended
+        if now - computed >= _LEAST:
+            looked, computed = time.monotonic(), now
+        elif time.monotonic() - looked > _IDLE:
+            process.kill()
+            process.communicate()
+            return None
 
 
 def answer() -> None:
