@@ -110,14 +110,14 @@ def _continuation(sight: Sight, piece: Piece, way: float, settings: WallSettings
     ahead, beside = way * to_sensor @ piece.face.along, np.abs(to_sensor @ piece.face.across)
     if np.any((ahead > 0.0) & (ahead < settings.around_sensor) & (beside < settings.around_sensor / 2)):
         return Continuation(0.0, True)
-    found = _steps_continuation(sight, piece, way, settings)
+    found = _steps_beyond(sight, piece, way, settings)
     ended = next((number for number, one in enumerate(found) if _shows_the_end(one)), None)
     if ended is None:
         return Continuation(np.inf, False)
     return Continuation(ended * STEP, all(one.total for one in found[:ended]))
 
 
-def _steps_continuation(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> list[Crossings]:
+def _steps_beyond(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> list[Crossings]:
     steps = round(settings.hidden_end / STEP)
     near = _end(piece, way) + way * piece.face.along * settings.tolerance
     far = near + way * piece.face.along * steps * STEP

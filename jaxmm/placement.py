@@ -85,11 +85,10 @@ def place(
             f"most {limits.most_residual} m; check pose, units and frame, or believe them (--no-refine)"
         )
     if found.asked >= LEAST_ASKED and found.upright < limits.least_upright:
-        of = "what it sees of walls" if found.asked == 1.0 else "what the prior could show of the walls that it sees"
         raise InputError(
-            f"the scan does not fit the prior from there: {found.upright:.0%} of {of} lies on walls, the rest "
-            f"on floor and ceiling; expected at least {limits.least_upright:.0%}; is it of this building? check pose, "
-            "units and frame, or believe them (--no-refine)"
+            f"the scan does not fit the prior from there: {found.upright:.0%} of {_walls_of(found)} lies on walls, "
+            f"the rest on floor and ceiling; expected at least {limits.least_upright:.0%}; is it of this building? "
+            "check pose, units and frame, or believe them (--no-refine)"
         )
     turn, shift = found.motion[:3, :3], found.motion[:3, 3]
     moved = scan._replace(
@@ -106,5 +105,9 @@ def _doubts(found: Registration) -> tuple[str, ...]:
     if found.asked < LEAST_ASKED:  # false for NaN, of a scan without walls
         return (f"the prior could show only {found.asked:.0%} of the walls that it sees: is it of this place?",)
     if found.upright < DOUBTED:
-        return (f"only {found.upright:.0%} of what it sees of walls lies on walls of the prior: is it of this place?",)
+        return (f"only {found.upright:.0%} of {_walls_of(found)} lies on walls: is it of this place?",)
     return ()
+
+
+def _walls_of(found: Registration) -> str:
+    return "what it sees of walls" if found.asked == 1.0 else "what the prior could show of the walls that it sees"

@@ -41,9 +41,7 @@ class Registration(NamedTuple):
     overlap: float  # share of the scan's points that match
     overlap_before: float  # the same at the start
     upright: float  # of its points on walls and the like that are asked, the share that match walls; NaN without any
-    asked: (
-        float  # share of its points on walls that are asked: all, or those that the prior could show; NaN without any
-    )
+    asked: float  # share of its points on walls that are asked: 1, or those that the prior could show; NaN without any
 
 
 class _Fit(NamedTuple):
