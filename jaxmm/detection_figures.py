@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from jaxmm.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN
-from jaxmm.figures import BLACK, BLUE, ORANGE, VERMILLION, save, styled
+from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_HIDDEN, COLOR_REMOVED, GREY, save, styled
 from jaxmm.mismatch_points import mismatch_points
 from jaxmm.panorama import Seen, box_edges, in_view, seen_from
 from jaxmm.plan_figure import plan_figure
@@ -40,12 +40,12 @@ class Mark(NamedTuple):
 
 
 MARKS = {
-    SUPPORT: Mark("#B4BAC0", "s", "support: the scan met it", "support: the model has it"),
-    UNSEEN: Mark(ORANGE, "o", "unseen: no ray came back", "unseen: nothing in the model there"),
-    BLOCKED: Mark(BLUE, "s", "blocked: something stood before it", "blocked: before the model's surface"),
-    THROUGH: Mark(VERMILLION, "x", "through: the scan looked through it", "through: behind the model's surface"),
+    SUPPORT: Mark("#A6D8C7", "s", "support: the scan met it", "support: the model has it"),
+    UNSEEN: Mark(GREY, "o", "unseen: no ray came back", "unseen: nothing in the model there"),
+    BLOCKED: Mark(COLOR_HIDDEN, "s", "blocked: something stood before it", "blocked: before the model's surface"),
+    THROUGH: Mark(COLOR_REMOVED, "x", "through: the scan looked through it", "through: behind the model's surface"),
 }
-BOX_COLORS = {"added": BLUE, "removed": VERMILLION}
+BOX_COLORS = {"added": COLOR_ADDED, "removed": COLOR_REMOVED}
 
 
 class Panel(NamedTuple):

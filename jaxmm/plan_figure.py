@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch, PathPatch, Polygon, Wedge
 from matplotlib.path import Path as Shape
 
-from jaxmm.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, VERMILLION, save, styled
+from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_HIDDEN, COLOR_REMOVED, GREEN, GREY, ORANGE, PALE, save, styled
 from jaxmm.plan_cut import cut_surfaces
 from jaxmm.plan_levels import CUT, Level, footprint, level_of_mismatches, levels_of, region_of
 from jaxmm.report import Detection, Mismatch, Pose
@@ -38,12 +38,12 @@ class Look(NamedTuple):
 
 LOOKS = {
     PRESENT: Look("#BFE3D6", GREEN, ""),
-    REMOVED: Look("#FBE0D0", VERMILLION, "xxxxx"),
-    OCCLUDED: Look("#FBEBC8", "#9A6A00", "//////"),
+    REMOVED: Look("#FBE0D0", COLOR_REMOVED, "xxxxx"),
+    OCCLUDED: Look("#F5E4EE", COLOR_HIDDEN, "//////"),
     UNSCANNED: Look("white", GREY, "....."),
 }
 NO_VERDICT = Look("#EDEFF1", PALE, "")
-CHANGE_LOOKS = {"added": Look("#D6E8F3", BLUE, "++"), "removed": LOOKS[REMOVED]}
+CHANGE_LOOKS = {"added": Look("#D6E8F3", COLOR_ADDED, "++"), "removed": LOOKS[REMOVED]}
 CHANGE_LINES = {"added": "-", "removed": "--"}
 
 

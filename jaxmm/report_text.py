@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxmm.report import Detection, ElementVerdict, Mismatch, Pose, PriorFile, ScanRecord
 from jaxmm.scan_units import UNITS as UNIT_WORDS
-from jaxmm.verdict_words import OBSERVABLE_WORDS, PROBABILITY_WORDS, VERDICT_WORDS
+from jaxmm.verdict_words import OBSERVABLE_WORDS, PROBABILITY_OF_MISMATCH, PROBABILITY_WORDS, VERDICT_WORDS
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
 GAP = "-"  # shown for what is not known
@@ -36,7 +36,7 @@ def as_markdown(detection: Detection) -> str:
         _elements(detection.elements),
         _scans(detection.scans),
         _notes(detection.notes),
-        _how_to_read(detection.settings),
+        _how_to_read(detection),
         _values("Registration", detection.registration),
         _values("Settings", detection.settings),
         _values("Time [s]", {name: number(value) for name, value in detection.timing.items()}),
@@ -189,12 +189,14 @@ def _notes(notes: Iterable[str]) -> list[str]:
     return ["## Notes", "", *listed] if listed else []
 
 
-def _how_to_read(settings: dict[str, Any]) -> list[str]:
-    lines = ["## How to read this", "", *(f"- **{name}**: {words}" for name, words in VERDICT_WORDS.items())]
-    prior = settings.get("change_prior")
+def _how_to_read(detection: Detection) -> list[str]:
+    title = ["## How to read this", ""]
+    if not detection.elements:  # of a point cloud, say: there is nothing that a verdict could be of
+        return [*title, PROBABILITY_OF_MISMATCH, "", OBSERVABLE_WORDS]
+    prior = detection.settings.get("change_prior")
     kept = f" ({percent(prior)} here)" if isinstance(prior, (int, float)) else ""
     return [
-        *lines, "", PROBABILITY_WORDS,
+        *title, *(f"- **{name}**: {words}" for name, words in VERDICT_WORDS.items()), "", PROBABILITY_WORDS,
         f"An element of which nothing was seen keeps the probability that the settings give it before any scan{kept}: "
         "`change_prior`. Its verdict, not this number, says that it was not seen.",
         "", OBSERVABLE_WORDS,

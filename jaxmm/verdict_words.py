@@ -31,6 +31,7 @@ ROBOT_EVIDENCE_WORDS: dict[str, str] = {
 PROBABILITY_WORDS = (
     "The probability of a mismatch is that it is real; that of an element is that it was removed, whatever its verdict."
 )
+PROBABILITY_OF_MISMATCH = "The probability of a mismatch is that it is real."
 OBSERVABLE_WORDS = (
     "The observable share of an object is how much of it the scan could tell of, out of all that would be seen of it "
     "if it stood alone in the field of view."

@@ -15,7 +15,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 
-from jaxmm.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, VERMILLION, save, styled
+from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN, GREY, ORANGE, PALE, save, styled
 from warp_scanner import scenes
 from warp_scanner.building_files import read_building
 from warp_scanner.building_pairs import BuildingPairConfig, make_building_pairs
@@ -45,8 +45,8 @@ CLASSES = {
 LABELS = {
     "structure": STRUCTURE_FILL,
     "all else": FURNITURE_FILL,
-    "added": VERMILLION,
-    "removed (seen in the prior)": BLUE,
+    "added": COLOR_ADDED,
+    "removed (seen in the prior)": COLOR_REMOVED,
 }
 
 
@@ -176,7 +176,7 @@ def draw_plan(axes: Axes, view: View, pairs: Pairs, detail: Detail) -> None:
     there = view.building.origin + pairs.pose.position[0]
     if np.any(np.abs(there - place) > 1e-6):
         _mark(axes, there, pairs.pose.yaw[0], GREY)
-    fill = VERMILLION if pairs.box.change[0, 0] > 0 else BLUE
+    fill = COLOR_ADDED if pairs.box.change[0, 0] > 0 else COLOR_REMOVED
     corners = _footprint(view.building, pairs)
     axes.add_patch(Polygon(corners, facecolor=fill, edgecolor=BLACK, linewidth=0.8, zorder=5))
     # What is added may stand beside a building without floors.

@@ -7,13 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon
 
-from jaxmm.figures import BLACK, BLUE, GREEN, VERMILLION
+from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN
 from warp_scanner.scenarios import Scenes
 from warp_scanner.scenes import CEILING, CYLINDER, FLOOR, GAP, Primitives, is_structure
 from warp_scanner.sensors import Sensor
 
 STRUCTURE_FILL, FURNITURE_FILL = "#8A8A8A", "#E9DCC3"
-CHANGE_FILL = {1: VERMILLION, -1: BLUE}  # added, removed
+CHANGE_FILL = {1: COLOR_ADDED, -1: COLOR_REMOVED}
 VIEW = {"color": GREEN, "alpha": 0.3, "linewidth": 0}
 
 

@@ -10,7 +10,7 @@ from matplotlib.colors import hsv_to_rgb, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from jaxmm.figures import BLACK, BLUE, GREEN, VERMILLION, save, styled
+from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN, save, styled
 from paper.floor_plan import FURNITURE_FILL, draw_floor_plan
 from warp_scanner.pairs import PRESETS, Pairs, make_pairs
 from warp_scanner.scenarios import Scenes, make_scenes
@@ -22,8 +22,8 @@ SKY = "#FFFFFF"
 LABELS = {
     "structure": "#C9C9C9",
     "furniture": FURNITURE_FILL,
-    "added": VERMILLION,
-    "removed (seen in the prior)": BLUE,
+    "added": COLOR_ADDED,
+    "removed (seen in the prior)": COLOR_REMOVED,
 }
 
 

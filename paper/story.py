@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
-from jaxmm.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, VERMILLION, save, styled
+from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_HIDDEN, COLOR_REMOVED, GREEN, GREY, PALE, save, styled
 
 WIDTH, HEIGHT = 12.8, 7.5  # [inch]; every position of the page below is in inches too
 COLUMN, BOX_WIDTH, BOX_HEIGHT = 1.57, 1.36, 0.86
@@ -39,7 +39,7 @@ PRESENT = Block(7.7, 1.55, 0.5, 0.5)
 PARTITION = Block(7.3, 4.0, 0.15, 1.2)
 PRIOR = (REMOVED, HIDDEN, PRESENT, PARTITION)
 REAL = (ADDED, TABLE, HIDDEN, PRESENT, PARTITION)
-EVIDENCE = {"through": BLUE, "support": GREEN, "blocked": ORANGE}
+EVIDENCE = {"through": COLOR_REMOVED, "support": GREEN, "blocked": COLOR_HIDDEN}
 
 
 def main(path: Path) -> None:
@@ -120,8 +120,8 @@ def draw_plan(axes: Axes) -> None:
     axes.add_patch(Rectangle((0, 0), ROOM.width, ROOM.depth, fill=False, edgecolor=BLACK, linewidth=4))
     for block in (HIDDEN, PRESENT, PARTITION):
         _block(axes, block, facecolor="#8A8A8A", edgecolor=BLACK)
-    _block(axes, REMOVED, facecolor="white", edgecolor=BLUE, linestyle=(0, (3, 2)), linewidth=1.8)
-    _block(axes, ADDED, facecolor=VERMILLION, edgecolor=BLACK)
+    _block(axes, REMOVED, facecolor="white", edgecolor=COLOR_REMOVED, linestyle=(0, (3, 2)), linewidth=1.8)
+    _block(axes, ADDED, facecolor=COLOR_ADDED, edgecolor=BLACK)
     _block(axes, TABLE, facecolor="#E9DCC3", edgecolor=GREY)
     for name, color in EVIDENCE.items():
         on_prior = SENSOR + direction[kind == name] * prior_range[kind == name, None]
@@ -145,14 +145,14 @@ def draw_key(page: Axes, left: float, top: float) -> None:
     """What the colours say, beside the plan."""
     page.text(left, top, "What a ray says of the prior", fontsize=12, fontweight="bold")
     rows = [
-        (BLUE, "through", "The robot saw farther than the prior allows:\nwhat stood there is removed."),
+        (COLOR_REMOVED, "through", "The robot saw farther than the prior allows:\nwhat stood there is removed."),
         (GREEN, "support", "It saw the surface where the prior has it:\npresent."),
         (
-            ORANGE,
+            COLOR_HIDDEN,
             "blocked",
             "Something stands in front. The prior behind it is\nnot removed and not confirmed: occluded.",
         ),
-        (VERMILLION, "added", "What stands in front is structure, and the prior\nhas nothing there."),
+        (COLOR_ADDED, "added", "What stands in front is structure, and the prior\nhas nothing there."),
     ]
     for index, (color, name, text) in enumerate(rows):
         y = top - 0.5 - 0.72 * index

@@ -26,7 +26,7 @@ from jaxmm.report_files import (
     write_plain,
 )
 from jaxmm.report_text import as_markdown, escaped, percent, printable
-from jaxmm.verdict_words import EVIDENCE_WORDS, ROBOT_EVIDENCE_WORDS, VERDICT_WORDS
+from jaxmm.verdict_words import EVIDENCE_WORDS, OBSERVABLE_WORDS, ROBOT_EVIDENCE_WORDS, VERDICT_WORDS
 from jaxmm.verdicts import VERDICTS
 
 GRID = np.array([192_340.125, 444_123.375, 12.5])  # [m] a place on a national grid
@@ -272,7 +272,9 @@ def test_the_report_explains_what_it_says(removed):
     assert all(line in text for line in removed.sentences) and all(note in text for note in removed.notes)
     assert "2 % here" in text and "97 %" in text
     assert "None was found" in as_markdown(removed._replace(mismatches=()))
-    assert "no elements" in as_markdown(removed._replace(elements=()))
+    without = as_markdown(removed._replace(elements=()))  # as of a point cloud: no verdict is told, nor explained
+    assert "no elements" in without and OBSERVABLE_WORDS in without and "keeps the probability" not in without
+    assert not any(words in without for words in VERDICT_WORDS.values())
 
 
 def test_words_cover_all_verdicts_and_all_evidence():
