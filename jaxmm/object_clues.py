@@ -10,8 +10,11 @@ from scipy.spatial import cKDTree
 from scipy.special import logit
 
 from jaxmm.object_candidates import Candidate, CandidateSettings
+from jaxmm.object_ends import FAR, back_of, ends_of
 from jaxmm.object_pieces import Piece, front_of
+from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Patch, Sight, crossings
+from jaxmm.object_view import View
 from jaxmm.object_walls import reach, seen_thin
 
 
@@ -26,7 +29,7 @@ class Opinions(NamedTuple):
 ONTO = 0.1  # [m] points this close to the other side's surface may be its own
 AROUND = 0.3  # [m]
 UNKNOWN = -10.0  # as an angle, which no angle is
-FAR = 3.0  # [m] that a face may go on for; more tells no more
+# Of a shaft, the line through its points is what is called its face here, but for its length and its angle to the grid.
 CLUES = (
     "round",  # 1 for a shaft, else 0
     "length",  # [m] of the first face, or the diameter of the shaft
@@ -34,22 +37,38 @@ CLUES = (
     "side",  # [m] length of the face across it; 0 without one
     "pieces",  # how many
     "side_goes_on",  # [m] most that the face across may go on; 0 without one
-    "goes_on",  # [m] most that the first face may go on unseen at one of its ends
-    "goes_on_least",  # [m] and at the other
     "thin",  # 1 where one looks through where the side of a square pillar would be
     "arc",  # [rad] that is seen of the shaft
+    "flat",  # [m] root mean square of the distances of its points from the line of the face
+    "bulge",  # [m] the largest of them, of a shaft; 0 of a face
+    "near_goes_on",  # [m] most that the face may go on unseen at the end that is nearer to the sensor
+    "far_goes_on",  # [m] and at the other
+    "longest",  # [m] with both
+    "near_deep",  # [m] behind the face one looks through from here on, beside the nearer end
+    "far_deep",  # [m] and beside the other
+    "back",  # [m] behind the face at which rays pass along its back
+    "near_in_view",  # [m] from the nearer end to the edge of the view, on in the line of the face
+    "far_in_view",  # [m] and from the other
     "points",  # logarithm of their number, for each scan that saw some
     "pillar",  # log odds of the mean of P(of a changed pillar)
     "wall",  # and of a changed wall
+    "pillar_spread",  # standard deviation of P(of a changed pillar)
+    "wall_spread",  # and of a changed wall
+    "wall_share",  # of its points that are of a wall rather than of a pillar
     "top",  # [m] of the highest point above the floor
     "bottom",  # [m] of the lowest
     "left",  # [m] from the highest to the ceiling
     "over",  # logarithm of 1 + the rays that head for the space between its top and the ceiling
     "free_over",  # share of them that pass through
     "range",  # [m] from the sensor, in plan
-    "slant",  # cosine of the angle between the line of sight and the first face
+    "beyond",  # [m] that the sensor is beyond the nearer end, along the face; negative before it
+    "slant",  # cosine of the angle between the line of sight and the face
+    "bearing",  # [deg] between the line of sight to the middle of the face and the face's normal
     "off_grid",  # [deg] between the first face and the building, 0 to 45; UNKNOWN of a shaft, or without a building
     "apart",  # [m] median distance of its points to the surface of the other side, 1 at most
+    "apart_least",  # [m] the least of them
+    "near_apart",  # [m] of those at the nearer end
+    "far_apart",  # [m] and at the other
     "onto",  # share of them within ONTO of it
     "filled",  # points for each square decimetre from the lowest to the highest, along the first face or the diameter
     "around",  # logarithm of 1 + the other points within AROUND in plan that are farther than ONTO from that surface
@@ -57,7 +76,12 @@ CLUES = (
 
 
 def clues_of(
-    sight: Sight, candidate: Candidate, opinions: Opinions, grid: float | None, settings: CandidateSettings
+    sight: Sight,
+    candidate: Candidate,
+    opinions: Opinions,
+    grid: float | None,
+    view: View | None,
+    settings: CandidateSettings,
 ) -> np.ndarray:
     """The CLUES (F,) of one candidate.
 
@@ -66,40 +90,116 @@ def clues_of(
         candidate: of some of them.
         opinions: of all points.
         grid: [rad] the direction that most of the building stands along or across; None where nobody knows.
+        view: of the scan that saw it; None where that looks all around.
         settings: how far is looked.
     """
-    first, members = candidate.first, candidate.members
-    scans = len(np.unique(sight.origin[members], axis=0))  # each of which counts what the others count too
-    z, apart = sight.points[members, 2], opinions.apart[members]
-    low, high = float(z.min()), float(z.max())
-    patch = Patch(*front_of(first), high + settings.rim, sight.ceiling - settings.rim)
-    over = crossings(sight, patch, settings.tolerance)
-    away = np.median(sight.points[members, :2], axis=0) - first.origin[:2]
-    distance = max(float(np.linalg.norm(away)), 1e-6)
-    of_all = [
-        np.log(len(members) / scans), _logit(opinions.pillar[members]), _logit(opinions.wall[members]),
-        high - sight.floor, low - sight.floor, sight.ceiling - high, np.log1p(over.total / scans), over.free, distance,
-    ]  # fmt: skip
-    of_surface = [min(float(np.median(apart)), 1.0), float(np.mean(apart <= ONTO))]
-    around = float(np.log1p(_around(sight, members, opinions.apart) / scans))
+    first, face = candidate.first, _as_face(sight, candidate.first)
+    told = (
+        _of_shape(sight, candidate, settings)
+        | _of_ends(sight, candidate, face, opinions, view, settings)
+        | _of_points(sight, candidate, opinions)
+        | _of_heights(sight, candidate, settings)
+        | _of_place(sight, candidate, face)
+    )
+    told["off_grid"] = _off(first.face.along, grid) if first.face is not None else UNKNOWN
+    width = told["span"] if first.face is not None else told["length"]
+    told["filled"] = np.exp(told["points"]) / (100.0 * (width + 0.1) * (told["top"] - told["bottom"] + 0.1))
+    return np.array([told[name] for name in CLUES])
+
+
+def _as_face(sight: Sight, piece: Piece) -> Piece:
+    """A piece as the line through its points."""
+    if piece.face is not None:
+        return piece
+    return piece._replace(face=face_through(sight.points[:, :2], piece.members), circle=None)
+
+
+def _of_shape(sight: Sight, candidate: Candidate, settings: CandidateSettings) -> dict[str, float]:
+    first, side = candidate.first, candidate.crossing
     if first.circle is not None:
-        shape = [1.0, 2.0 * first.circle.radius, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, first.circle.arc]
-        filled = _filled(len(members) / scans, 2.0 * first.circle.radius, high - low)
-        return np.array([*shape, *of_all, 0.0, UNKNOWN, *of_surface, filled, around])
-    face, side = first.face, candidate.crossing
-    goes_on = _goes_on(sight, first, settings)
-    side_goes_on = _goes_on(sight, side, settings)[1] if side is not None else 0.0
-    span = float(np.ptp(sight.points[members, :2] @ face.along))
-    shape = [
-        0.0, face.length, span, side.face.length if side is not None else 0.0, float(len(candidate.pieces)),
-        side_goes_on, goes_on[1], goes_on[0], float(seen_thin(sight, first, settings)), 0.0,
-    ]  # fmt: skip
-    of_turn = [abs(float(face.along @ away)) / distance, _off(face.along, grid)]
-    return np.array([*shape, *of_all, *of_turn, *of_surface, _filled(len(members) / scans, span, high - low), around])
+        none = dict.fromkeys(("span", "side", "side_goes_on", "thin"), 0.0)
+        return none | {"round": 1.0, "length": 2.0 * first.circle.radius, "pieces": 1.0, "arc": first.circle.arc}
+    side_goes_on = max(min(reach(sight, side, way, settings), FAR) for way in (-1.0, 1.0)) if side is not None else 0.0
+    return {
+        "round": 0.0,
+        "length": first.face.length,
+        "span": float(np.ptp(sight.points[candidate.members, :2] @ first.face.along)),
+        "side": side.face.length if side is not None else 0.0,
+        "pieces": float(len(candidate.pieces)),
+        "side_goes_on": side_goes_on,
+        "thin": float(seen_thin(sight, first, settings)),
+        "arc": 0.0,
+    }
 
 
-def _goes_on(sight: Sight, piece: Piece, settings: CandidateSettings) -> list[float]:
-    return sorted(min(reach(sight, piece, way, settings), FAR) for way in (-1.0, 1.0))
+def _of_ends(
+    sight: Sight,
+    candidate: Candidate,
+    piece: Piece,
+    opinions: Opinions,
+    view: View | None,
+    settings: CandidateSettings,
+) -> dict[str, float]:
+    face, members = piece.face, candidate.members
+    near, far = ends_of(sight, piece, members, opinions.apart, view, settings)
+    off = np.abs((sight.points[members, :2] - face.center) @ face.across)
+    return {
+        "flat": float(np.sqrt(np.mean(off**2))),
+        "bulge": float(off.max()) if candidate.first.circle is not None else 0.0,
+        **{
+            f"{name}_{what}": value
+            for name, end in (("near", near), ("far", far))
+            for what, value in end._asdict().items()
+        },
+        "longest": face.length + near.goes_on + far.goes_on,
+        "back": back_of(sight, piece, settings),
+    }
+
+
+def _of_points(sight: Sight, candidate: Candidate, opinions: Opinions) -> dict[str, float]:
+    members = candidate.members
+    scans = len(np.unique(sight.origin[members], axis=0))  # each of which counts what the others count too
+    pillar, wall, apart = (one[members] for one in opinions)
+    return {
+        "points": float(np.log(len(members) / scans)),
+        "pillar": _logit(pillar),
+        "wall": _logit(wall),
+        "pillar_spread": float(pillar.std()),
+        "wall_spread": float(wall.std()),
+        "wall_share": float(np.mean(wall > pillar)),
+        "apart": min(float(np.median(apart)), 1.0),
+        "apart_least": min(float(apart.min()), 1.0),
+        "onto": float(np.mean(apart <= ONTO)),
+        "around": float(np.log1p(_around(sight, members, opinions.apart) / scans)),
+    }
+
+
+def _of_heights(sight: Sight, candidate: Candidate, settings: CandidateSettings) -> dict[str, float]:
+    members, z = candidate.members, sight.points[candidate.members, 2]
+    scans = len(np.unique(sight.origin[members], axis=0))
+    low, high = float(z.min()), float(z.max())
+    patch = Patch(*front_of(candidate.first), high + settings.rim, sight.ceiling - settings.rim)
+    over = crossings(sight, patch, settings.tolerance)
+    return {
+        "top": high - sight.floor,
+        "bottom": low - sight.floor,
+        "left": sight.ceiling - high,
+        "over": float(np.log1p(over.total / scans)),
+        "free_over": over.free,
+    }
+
+
+def _of_place(sight: Sight, candidate: Candidate, piece: Piece) -> dict[str, float]:
+    face, sensor = piece.face, piece.origin[:2]
+    away = np.median(sight.points[candidate.members, :2], axis=0) - sensor
+    distance = max(float(np.linalg.norm(away)), 1e-6)
+    along, across = np.abs((sensor - face.center) @ np.stack([face.along, face.across], axis=1))
+    return {
+        "range": distance,
+        "beyond": float(np.clip(along - face.length / 2, -FAR, FAR)),
+        "slant": abs(float(face.along @ away)) / distance,
+        "bearing": float(np.degrees(np.arctan2(along, across))),
+    }
 
 
 def _off(along: np.ndarray, grid: float | None) -> float:
@@ -107,10 +207,6 @@ def _off(along: np.ndarray, grid: float | None) -> float:
         return UNKNOWN
     turn = np.degrees(np.arctan2(along[1], along[0]) - grid) % 90.0
     return float(min(turn, 90.0 - turn))
-
-
-def _filled(count: float, width: float, height: float) -> float:
-    return count / (100.0 * (width + 0.1) * (height + 0.1))
 
 
 def _around(sight: Sight, members: np.ndarray, apart: np.ndarray) -> int:

@@ -1,6 +1,6 @@
 """Trains the judge of objects on candidates of generated rooms.
 
-    python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors [--rooms 30000]
+    python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors [--rooms 45000]
 
 K candidates, F clues. What each of them is, is known: the true object whose box holds most of its points. Rooms are of
 both kinds, with and without furniture, with one change, several or none, walls free or against others; priors are
@@ -49,7 +49,7 @@ SMALL = 0.3  # and with smaller things too: buildings have pillars below 0.3 m a
 SMALL_PILLARS, SMALL_WALLS = (0.15, 0.9), (0.8, 3.5)  # [m] widths of pillars, lengths of changed walls
 ALONG, ANYHOW = 0.2, 0.3  # shares of rooms whose grid is that of a changed object, or any
 WITHIN = 0.12  # [m] of a box a point may be off
-ROUNDS, RATE, DEPTH, SHARE, CLUES_AT_ONCE, LEAST = 400, 0.08, 5, 0.7, 6, 15
+ROUNDS, RATE, DEPTH, SHARE, CLUES_AT_ONCE, LEAST = 500, 0.05, 6, 0.7, 10, 40
 KEPT = 10  # every so many draws one is kept from training
 
 
@@ -205,6 +205,6 @@ def main(out: Path, rooms: int) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE")
-    parser.add_argument("--rooms", type=int, default=30_000, metavar="N")
+    parser.add_argument("--rooms", type=int, default=45_000, metavar="N")
     asked = parser.parse_args()
     main(asked.out, asked.rooms)

@@ -23,6 +23,7 @@ from jaxmm.object_levels import levels_of
 from jaxmm.object_pieces import joined, pieces_of, upright
 from jaxmm.object_sight import Sight, sensors_of
 from jaxmm.object_solids import SolidSettings, solid_of, without_splinters
+from jaxmm.object_view import View, view_of
 from jaxmm.object_walls import KnownBuilding, Solid
 
 
@@ -158,8 +159,19 @@ def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None 
     def grid_at(x: float, y: float) -> float | None:
         return grid_near(uprights, np.array([x, y]), sight.floor, sight.ceiling) if uprights is not None else None
 
-    clues = [clues_of(sight, one, opinions, grid_at(*one.first.origin[:2]), settings) for one in candidates]
+    views = _views(sight)
+    clues = []
+    for one in candidates:
+        origin = one.first.origin
+        scan = min(views, key=lambda sensor: float(np.linalg.norm(origin - sensor)))
+        clues.append(clues_of(sight, one, opinions, grid_at(*origin[:2]), views[scan], settings))
     return Examined(sight, candidates, np.array(clues).reshape(-1, len(CLUES)))
+
+
+def _views(sight: Sight) -> dict[tuple[float, ...], View | None]:
+    """What each scan sees, by where it was taken."""
+    sensors, scan = np.unique(sight.origin, axis=0, return_inverse=True)
+    return {tuple(sensor): view_of(sight.points[scan == number], sensor) for number, sensor in enumerate(sensors)}
 
 
 def _found(sight: Sight, solid: Solid, settings: ObjectSettings) -> Found:

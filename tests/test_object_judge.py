@@ -17,6 +17,12 @@ from jaxmm.object_solids import SolidSettings
 from jaxmm.object_training import Examples, boosted_trees, examples_of_draw, fit, kind_of
 
 
+@pytest.fixture(autouse=True)
+def few_rounds(monkeypatch):
+    """Trees are grown fast: what holds of 60 rounds holds of all."""
+    monkeypatch.setattr(object_training, "ROUNDS", 60)
+
+
 @pytest.fixture(scope="module")
 def examples():
     """Kinds that go by two clues, one of them at random for a tenth."""
@@ -101,12 +107,14 @@ def test_the_shipped_judge_tells_a_wall_from_a_pillar_from_a_cabinet():
     def clues(**told):
         usual = {
             "span": told["length"], "pieces": 1, "points": np.log(200), "pillar": 1.0, "wall": 1.0, "top": 2.9,
-            "bottom": 0.1, "left": 0.1, "range": 3.0, "slant": 0.2, "apart": 1.0,
+            "bottom": 0.1, "left": 0.1, "range": 3.0, "slant": 0.2, "bearing": 12.0, "apart": 1.0, "apart_least": 1.0,
+            "near_apart": 1.0, "far_apart": 1.0, "near_deep": 3.0, "far_deep": 3.0, "back": 3.0, "near_in_view": 3.0,
+            "far_in_view": 3.0, "longest": told["length"], "flat": 0.02,
         }  # fmt: skip
         return [float((usual | told).get(name, 0.0)) for name in CLUES]
 
     share = judge_objects(default_judge(), np.array([
-        clues(length=3.0, wall=3.0, pillar=-1.0),
+        clues(length=3.0, wall=3.0, pillar=-1.0, wall_share=1.0),
         clues(length=0.6, side=0.6, span=0.6, pieces=2, off_grid=35.0, wall=-1.0, pillar=3.0),
         clues(length=0.9, top=0.8, bottom=0.3, left=2.2, wall=-1.0, pillar=-1.0, apart=0.3, points=np.log(30), range=2),
     ]))  # fmt: skip
@@ -125,15 +133,19 @@ def test_clues_of_a_face_are_its_length_height_distance_and_angles():
     piece, sight = seen_from(points, np.arange(50))
     opinions = Opinions(np.full(50, 0.5), np.full(50, 0.9), np.repeat([0.05, 0.6], 25))
     (one,) = candidates_of(sight, [piece], SolidSettings())
-    told = dict(zip(CLUES, clues_of(sight, one, opinions, np.radians(20.0), SolidSettings()), strict=True))
+    told = dict(zip(CLUES, clues_of(sight, one, opinions, np.radians(20.0), None, SolidSettings()), strict=True))
     expected = {
         "round": 0, "length": 1.0, "span": 1.0, "side": 0, "pieces": 1, "points": np.log(50), "pillar": 0,
         "wall": np.log(9), "top": 1.7, "bottom": 0.2, "left": 1.3, "range": 2.0, "slant": 0, "off_grid": 20,
         "onto": 0.5, "arc": 0, "filled": 50 / (100 * 1.1 * 1.6), "over": 0, "free_over": 0, "around": 0,
-        "goes_on": 3.0, "goes_on_least": 3.0, "thin": 0,
+        "near_goes_on": 3.0, "far_goes_on": 3.0, "longest": 7.0, "thin": 0, "flat": 0, "bulge": 0, "bearing": 0,
+        "beyond": -0.5, "near_deep": 3.0, "far_deep": 3.0,
+        "back": 3.0, "near_in_view": 3.0, "far_in_view": 3.0, "wall_share": 1, "pillar_spread": 0,
+        "wall_spread": 0, "apart_least": 0.05,
     }  # fmt: skip
     assert {name: told[name] for name in expected} == pytest.approx(expected, abs=1e-9)
     assert told["apart"] == pytest.approx(0.325)
+    assert sorted([told["near_apart"], told["far_apart"]]) == pytest.approx([0.05, 0.6])
 
 
 def test_clues_of_a_shaft_are_its_diameter_and_arc():
@@ -145,8 +157,11 @@ def test_clues_of_a_shaft_are_its_diameter_and_arc():
     sight = Sight(points, np.zeros((40, 3)), 0.0, 3.0)
     (one,) = candidates_of(sight, [piece], SolidSettings())
     opinions = Opinions(*np.full((3, 40), 0.5))
-    told = dict(zip(CLUES, clues_of(sight, one, opinions, 0.0, SolidSettings()), strict=True))
+    told = dict(zip(CLUES, clues_of(sight, one, opinions, 0.0, None, SolidSettings()), strict=True))
     assert (told["round"], told["length"], told["arc"]) == pytest.approx((1.0, 0.6, np.pi))
+    # What is told of a face is told of the line through its points: its ends, and how far off they are.
+    assert told["bulge"] == pytest.approx(0.3 * 2.0 / np.pi, abs=0.01)
+    assert (told["near_goes_on"], told["longest"]) == pytest.approx((3.0, 6.6), abs=0.01)
 
 
 def test_a_candidate_is_the_object_in_whose_box_most_of_its_points_lie():
