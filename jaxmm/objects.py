@@ -146,6 +146,7 @@ def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None 
         ValueError: as `find_objects`.
     """
     sight, opinions = _checked(judged)
+    sensors = np.asarray(judged.sensor, np.float64)
     probability, z = np.maximum(opinions.pillar, opinions.wall), sight.points[:, 2]
     inside = (z > sight.floor + settings.surface_margin) & (z < sight.ceiling - settings.surface_margin)
     needed = np.where(opinions.apart > ONTO, min(settings.threshold_apart, settings.threshold), settings.threshold)
@@ -159,19 +160,16 @@ def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None 
     def grid_at(x: float, y: float) -> float | None:
         return grid_near(uprights, np.array([x, y]), sight.floor, sight.ceiling) if uprights is not None else None
 
-    views = _views(sight)
+    @functools.cache
+    def view_from(number: int) -> View | None:
+        return view_of(sight.points[(sight.origin == sensors[number]).all(axis=1)], sensors[number])
+
     clues = []
     for one in candidates:
-        origin = one.first.origin
-        scan = min(views, key=lambda sensor: float(np.linalg.norm(origin - sensor)))
-        clues.append(clues_of(sight, one, opinions, grid_at(*origin[:2]), views[scan], settings))
+        origin = one.first.origin  # of a piece that several scans saw, hardly more than near to one of them
+        view = view_from(int(np.argmin(np.linalg.norm(sensors - origin, axis=1))))
+        clues.append(clues_of(sight, one, opinions, grid_at(*origin[:2]), view, settings))
     return Examined(sight, candidates, np.array(clues).reshape(-1, len(CLUES)))
-
-
-def _views(sight: Sight) -> dict[tuple[float, ...], View | None]:
-    """What each scan sees, by where it was taken."""
-    sensors, scan = np.unique(sight.origin, axis=0, return_inverse=True)
-    return {tuple(sensor): view_of(sight.points[scan == number], sensor) for number, sensor in enumerate(sensors)}
 
 
 def _found(sight: Sight, solid: Solid, settings: ObjectSettings) -> Found:

@@ -74,3 +74,15 @@ def test_how_deep_a_thing_may_be_is_among_its_clues():
     assert told[0]["near_deep"] <= 0.3 and told[0]["back"] <= 0.4
     assert told[1]["near_deep"] >= 0.7 and told[1]["back"] >= 0.8
     assert told[0]["longest"] == pytest.approx(0.8, abs=0.25)
+
+
+def test_the_edge_of_the_view_is_that_of_the_scan_that_saw_the_thing():
+    """A second scan, that looks the other way, shows nothing of where the first one's picture ends."""
+    things = (wall(2.05, 0.0, 9.0, 0.1, 90), pillar(-3.0, 0.5, 0.6))
+    told = []
+    for poses in (((*SENSOR, 0.0),), ((*SENSOR, 0.0), (0.1, 0.0, 1.4, 180.0))):
+        examined = examine(judged(*things, poses=poses), ObjectSettings())
+        (number,) = [number for number, one in enumerate(examined.candidates) if one.first.face.length > 2.0]
+        told.append(dict(zip(CLUES, examined.clues[number], strict=True)))
+    for name in ("near_in_view", "far_in_view"):
+        assert max(one[name] for one in told) <= 0.1
