@@ -3,6 +3,7 @@
 N points of one side of the scans, F clues. World frame: metres, z up. Plan: x and y.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +11,10 @@ from scipy.spatial import cKDTree
 from scipy.special import logit
 
 from jaxmm.object_candidates import Candidate, CandidateSettings
-from jaxmm.object_ends import FAR, back_of, ends_of
+from jaxmm.object_ends import FAR, Look, back_of, ends_of
 from jaxmm.object_pieces import Piece, front_of
 from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Patch, Sight, crossings
-from jaxmm.object_view import View
 from jaxmm.object_walls import reach, seen_thin
 
 
@@ -39,12 +39,12 @@ CLUES = (
     "side_goes_on",  # [m] most that the face across may go on; 0 without one
     "thin",  # 1 where one looks through where the side of a square pillar would be
     "arc",  # [rad] that is seen of the shaft
-    "flat",  # [m] root mean square of the distances of its points from the line of the face
-    "bulge",  # [m] the largest of them, of a shaft; 0 of a face
+    "flat",  # [m] root mean square of the distances of all its points from the line of the first face
+    "bulge",  # [m] the largest of them, of a shaft: how much of a circle it is; 0 of a face
     "near_goes_on",  # [m] most that the face may go on unseen at the end that is nearer to the sensor
     "far_goes_on",  # [m] and at the other
-    "longest",  # [m] with both
-    "near_deep",  # [m] behind the face one looks through from here on, beside the nearer end
+    "longest",  # [m] the length with what it may go on at both ends
+    "near_deep",  # [m] behind the face, beside the nearer end, where one first looks through
     "far_deep",  # [m] and beside the other
     "back",  # [m] behind the face at which rays pass along its back
     "near_in_view",  # [m] from the nearer end to the edge of the view, on in the line of the face
@@ -61,13 +61,13 @@ CLUES = (
     "over",  # logarithm of 1 + the rays that head for the space between its top and the ceiling
     "free_over",  # share of them that pass through
     "range",  # [m] from the sensor, in plan
-    "beyond",  # [m] that the sensor is beyond the nearer end, along the face; negative before it
-    "slant",  # cosine of the angle between the line of sight and the face
+    "beyond",  # [m] that the sensor is beyond the nearer end, along the face; negative short of it; 3 at most
+    "slant",  # cosine of the angle between the first face and the line of sight to most of the points
     "bearing",  # [deg] between the line of sight to the middle of the face and the face's normal
     "off_grid",  # [deg] between the first face and the building, 0 to 45; UNKNOWN of a shaft, or without a building
     "apart",  # [m] median distance of its points to the surface of the other side, 1 at most
     "apart_least",  # [m] the least of them
-    "near_apart",  # [m] of those at the nearer end
+    "near_apart",  # [m] the least of those at the nearer end, 1 at most
     "far_apart",  # [m] and at the other
     "onto",  # share of them within ONTO of it
     "filled",  # points for each square decimetre from the lowest to the highest, along the first face or the diameter
@@ -77,29 +77,29 @@ CLUES = (
 
 def clues_of(
     sight: Sight,
+    looks: Sequence[Look],
     candidate: Candidate,
     opinions: Opinions,
     grid: float | None,
-    view: View | None,
     settings: CandidateSettings,
 ) -> np.ndarray:
     """The CLUES (F,) of one candidate.
 
     Args:
         sight: of all points.
+        looks: the same, scan by scan.
         candidate: of some of them.
         opinions: of all points.
         grid: [rad] the direction that most of the building stands along or across; None where nobody knows.
-        view: of the scan that saw it; None where that looks all around.
         settings: how far is looked.
     """
-    first, face = candidate.first, _as_face(sight, candidate.first)
+    first, flat = candidate.first, _flat(sight, candidate.first)
     told = (
         _of_shape(sight, candidate, settings)
-        | _of_ends(sight, candidate, face, opinions, view, settings)
+        | _of_ends(sight, looks, candidate, flat, opinions, settings)
         | _of_points(sight, candidate, opinions)
         | _of_heights(sight, candidate, settings)
-        | _of_place(sight, candidate, face)
+        | _of_place(sight, candidate, flat)
     )
     told["off_grid"] = _off(first.face.along, grid) if first.face is not None else UNKNOWN
     width = told["span"] if first.face is not None else told["length"]
@@ -107,8 +107,8 @@ def clues_of(
     return np.array([told[name] for name in CLUES])
 
 
-def _as_face(sight: Sight, piece: Piece) -> Piece:
-    """A piece as the line through its points."""
+def _flat(sight: Sight, piece: Piece) -> Piece:
+    """A piece with a face: of a shaft, the line through its points."""
     if piece.face is not None:
         return piece
     return piece._replace(face=face_through(sight.points[:, :2], piece.members), circle=None)
@@ -134,14 +134,14 @@ def _of_shape(sight: Sight, candidate: Candidate, settings: CandidateSettings) -
 
 def _of_ends(
     sight: Sight,
+    looks: Sequence[Look],
     candidate: Candidate,
     piece: Piece,
     opinions: Opinions,
-    view: View | None,
     settings: CandidateSettings,
 ) -> dict[str, float]:
     face, members = piece.face, candidate.members
-    near, far = ends_of(sight, piece, members, opinions.apart, view, settings)
+    near, far = ends_of(sight, looks, piece, members, opinions.apart, settings)
     off = np.abs((sight.points[members, :2] - face.center) @ face.across)
     return {
         "flat": float(np.sqrt(np.mean(off**2))),
@@ -152,13 +152,12 @@ def _of_ends(
             for what, value in end._asdict().items()
         },
         "longest": face.length + near.goes_on + far.goes_on,
-        "back": back_of(sight, piece, settings),
+        "back": back_of(looks, piece, settings),
     }
 
 
 def _of_points(sight: Sight, candidate: Candidate, opinions: Opinions) -> dict[str, float]:
-    members = candidate.members
-    scans = len(np.unique(sight.origin[members], axis=0))  # each of which counts what the others count too
+    members, scans = candidate.members, _scans(sight, candidate)
     pillar, wall, apart = (one[members] for one in opinions)
     return {
         "points": float(np.log(len(members) / scans)),
@@ -174,9 +173,13 @@ def _of_points(sight: Sight, candidate: Candidate, opinions: Opinions) -> dict[s
     }
 
 
+def _scans(sight: Sight, candidate: Candidate) -> int:
+    """How many scans saw something of it: each counts what the others count too."""
+    return len(np.unique(sight.origin[candidate.members], axis=0))
+
+
 def _of_heights(sight: Sight, candidate: Candidate, settings: CandidateSettings) -> dict[str, float]:
-    members, z = candidate.members, sight.points[candidate.members, 2]
-    scans = len(np.unique(sight.origin[members], axis=0))
+    z, scans = sight.points[candidate.members, 2], _scans(sight, candidate)
     low, high = float(z.min()), float(z.max())
     patch = Patch(*front_of(candidate.first), high + settings.rim, sight.ceiling - settings.rim)
     over = crossings(sight, patch, settings.tolerance)

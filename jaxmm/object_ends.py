@@ -1,8 +1,9 @@
-"""Both ends of a face: how far it may go on there, how deep the thing behind it may be, and what is in view.
+"""Both ends of a face: how far it may go on there, how deep the thing behind it may be, and where the view ends.
 
-N points of one side of the scans. World frame: metres, z up. Plan: x and y.
+N points of one side of the scans, S scans. World frame: metres, z up. Plan: x and y.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,64 +11,89 @@ import numpy as np
 from jaxmm.object_pieces import Piece
 from jaxmm.object_sight import Patch, Sight, crossings, crossings_along
 from jaxmm.object_view import View, edge_beyond
-from jaxmm.object_walls import WallSettings, reach
+from jaxmm.object_walls import STEP, WallSettings, reach
 
 FAR = 3.0  # [m] that a face may go on for, or a thing be deep; more tells no more
-STEP, STEPS = 0.1, 20  # [m] in which one looks for the back of a thing, from STEP behind its face on
-BACKS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.3)  # [m] behind the face, where one looks along it
-THROUGH = 0.3  # share of the rays, from which on one looks through
-NEAR = 0.2  # [m] of an end a point is at it
+DEEP_STEPS = 20  # of STEP each, behind a face, in which one looks for the back of a thing
+BACKS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.3)  # [m] behind a face, where one looks along it
+LOOKED_THROUGH = 0.3  # share of a scan's rays that pass, from which on there is nothing
+AT_END = 0.2  # [m] of an end a point is at it
+HEIGHTS = (0.1, 0.3, 0.5, 0.7, 0.9)  # quantiles of all points of a thing, for which the edge of the view is sought
+
+
+class Look(NamedTuple):
+    """One scan by itself: what another one sees of the front of a thing says nothing of its back."""
+
+    sight: Sight  # of its points
+    view: View | None  # None where nobody knows the edges
 
 
 class End(NamedTuple):
     """One end of a face."""
 
     goes_on: float  # [m] most that the face may go on unseen; FAR at most
-    deep: float  # [m] behind the face, beside this end, one looks through from here on; FAR where nowhere
+    deep: float  # [m] behind the face, beside this end, where some scan first looks through; FAR where none does
     in_view: float  # [m] to the edge of the view, on in the line of the face; FAR at most
-    apart: float  # [m] of its points to the surface of the other side, least of all; 1 at most
+    apart: float  # [m] least distance of its points to the surface of the other side; 1 at most
 
 
 def ends_of(
-    sight: Sight, piece: Piece, members: np.ndarray, apart: np.ndarray, view: View | None, settings: WallSettings
+    sight: Sight,
+    looks: Sequence[Look],
+    piece: Piece,
+    members: np.ndarray,
+    apart: np.ndarray,
+    settings: WallSettings,
 ) -> tuple[End, End]:
-    """The end of a face that is nearer to the sensor, and the other one.
+    """The end of a face that is nearer to where it was seen from, and the other one.
+
+    Which comes first where it is seen from right before its middle, nobody can say.
 
     Args:
         sight: of all points.
+        looks: (S,) the same, scan by scan.
         piece: with the face.
         members: (n,) int of the points of all that the face is part of.
         apart: (N,) [m] from the surface of the other side.
-        view: of the scan that saw it; None where that looks all around.
         settings: how far is looked.
     """
-    heights = np.quantile(sight.points[members, 2], (0.1, 0.3, 0.5, 0.7, 0.9))
+    saw = np.unique(sight.origin[members], axis=0)
+    views = [look.view for look in looks if np.any(np.all(look.sight.origin[:1] == saw, axis=1))]
+    heights = np.quantile(sight.points[members, 2], HEIGHTS)
+    places = sight.points[members, :2]
 
     def end_at(way: float) -> End:
-        face, end = piece.face, piece.face.ends[0 if way < 0 else 1]
-        patch = Patch(end - STEP * piece.toward, end - (STEPS + 1) * STEP * piece.toward, *_heights(sight, settings))
-        found = crossings_along(sight, patch, settings.tolerance, STEPS)
-        through = (STEP * (number + 1) for number, one in enumerate(found) if one.free > THROUGH)
-        near = np.linalg.norm(sight.points[members, :2] - end, axis=1) < NEAR
+        end, toward = piece.face.ends[0 if way < 0 else 1], way * piece.face.along
+        at_end = members[np.linalg.norm(places - end, axis=1) < AT_END]
         return End(
             min(reach(sight, piece, way, settings), FAR),
-            next(through, FAR),
-            edge_beyond(view, end, way * face.along, heights, FAR),
-            float(np.min(apart[members[near]], initial=1.0)),
+            min((_deep(look.sight, piece, end, settings) for look in looks), default=FAR),
+            max((edge_beyond(view, end, toward, heights, FAR) for view in views), default=FAR),
+            float(np.min(apart[at_end], initial=1.0)),
         )
 
     nearer = 1.0 if (piece.origin[:2] - piece.face.center) @ piece.face.along > 0.0 else -1.0
     return end_at(nearer), end_at(-nearer)
 
 
-def back_of(sight: Sight, piece: Piece, settings: WallSettings) -> float:
-    """How far [m] behind a face rays pass along its back: no thing behind it is deeper. FAR where none do."""
-    heights = _heights(sight, settings)
+def back_of(looks: Sequence[Look], piece: Piece, settings: WallSettings) -> float:
+    """How far [m] behind a face the rays of some scan pass along its back: what is behind it is no deeper there.
+
+    FAR where none do.
+    """
     for back in BACKS:
         start, end = piece.face.ends - back * piece.toward
-        if crossings(sight, Patch(start, end, *heights), settings.tolerance).free > THROUGH:
-            return back
+        for look in looks:
+            patch = Patch(start, end, *_heights(look.sight, settings))
+            if crossings(look.sight, patch, settings.tolerance).free > LOOKED_THROUGH:
+                return back
     return FAR
+
+
+def _deep(sight: Sight, piece: Piece, end: np.ndarray, settings: WallSettings) -> float:
+    near, far = (end - steps * STEP * piece.toward for steps in (1, DEEP_STEPS + 1))
+    found = crossings_along(sight, Patch(near, far, *_heights(sight, settings)), settings.tolerance, DEEP_STEPS)
+    return next((STEP * (number + 1) for number, one in enumerate(found) if one.free > LOOKED_THROUGH), FAR)
 
 
 def _heights(sight: Sight, settings: WallSettings) -> tuple[float, float]:

@@ -18,12 +18,13 @@ from jaxmm.boxes import Box
 from jaxmm.building_grid import Uprights, grid_near
 from jaxmm.object_candidates import Candidate, candidates_of
 from jaxmm.object_clues import CLUES, ONTO, Opinions, clues_of
+from jaxmm.object_ends import Look
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.object_levels import levels_of
 from jaxmm.object_pieces import joined, pieces_of, upright
 from jaxmm.object_sight import Sight, sensors_of
 from jaxmm.object_solids import SolidSettings, solid_of, without_splinters
-from jaxmm.object_view import View, view_of
+from jaxmm.object_view import view_of
 from jaxmm.object_walls import KnownBuilding, Solid
 
 
@@ -37,7 +38,7 @@ class Judged(NamedTuple):
     sensor: np.ndarray  # (S, 3) [m] where the scans were taken from, in the frame of the points
     floor: float  # [m]
     ceiling: float
-    scan: np.ndarray | None = None  # (N,) int which of the S saw each point; where None, the nearest
+    scan: np.ndarray | None = None  # (N,) int which of the S saw each point; where None, the nearest may have
 
 
 class Examined(NamedTuple):
@@ -146,7 +147,6 @@ def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None 
         ValueError: as `find_objects`.
     """
     sight, opinions = _checked(judged)
-    sensors = np.asarray(judged.sensor, np.float64)
     probability, z = np.maximum(opinions.pillar, opinions.wall), sight.points[:, 2]
     inside = (z > sight.floor + settings.surface_margin) & (z < sight.ceiling - settings.surface_margin)
     needed = np.where(opinions.apart > ONTO, min(settings.threshold_apart, settings.threshold), settings.threshold)
@@ -160,16 +160,25 @@ def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None 
     def grid_at(x: float, y: float) -> float | None:
         return grid_near(uprights, np.array([x, y]), sight.floor, sight.ceiling) if uprights is not None else None
 
-    @functools.cache
-    def view_from(number: int) -> View | None:
-        return view_of(sight.points[(sight.origin == sensors[number]).all(axis=1)], sensors[number])
-
-    clues = []
-    for one in candidates:
-        origin = one.first.origin  # of a piece that several scans saw, hardly more than near to one of them
-        view = view_from(int(np.argmin(np.linalg.norm(sensors - origin, axis=1))))
-        clues.append(clues_of(sight, one, opinions, grid_at(*origin[:2]), view, settings))
+    looks = _looks(judged, sight) if candidates else []
+    clues = [clues_of(sight, looks, one, opinions, grid_at(*one.first.origin[:2]), settings) for one in candidates]
     return Examined(sight, candidates, np.array(clues).reshape(-1, len(CLUES)))
+
+
+def _looks(judged: Judged, sight: Sight) -> list[Look]:
+    """Each scan by itself. Where nobody knows which saw a point, nobody knows where its view ends either."""
+    sensors = np.asarray(judged.sensor, np.float64)
+    if len(sensors) == 1:
+        return [Look(sight, view_of(sight.points, sensors[0]))]
+    if judged.scan is None:
+        return [Look(sight, None)]
+    looks = []
+    for number, sensor in enumerate(sensors):
+        own = np.asarray(judged.scan) == number
+        if own.any():
+            points = sight.points[own]
+            looks.append(Look(sight._replace(points=points, origin=sight.origin[own]), view_of(points, sensor)))
+    return looks
 
 
 def _found(sight: Sight, solid: Solid, settings: ObjectSettings) -> Found:

@@ -81,13 +81,13 @@ def place(
         off = f", {found.residual:.3f} m off" if np.isfinite(found.residual) else ""
         told = f"{overlap:.1%} of its points match the prior{off}"
         raise InputError(
-            f"the scan does not fit the prior from there: {told}; expected at least {limits.least_overlap:.0%} and at "
+            f"the scan does not fit the prior from there: {told}; expected at least {limits.least_overlap:.1%} and at "
             f"most {limits.most_residual} m; check pose, units and frame, or believe them (--no-refine)"
         )
     if found.asked >= LEAST_ASKED and found.upright < limits.least_upright:
         raise InputError(
             f"the scan does not fit the prior from there: {found.upright:.1%} of {_walls_of(found)} lies on walls, "
-            f"the rest on floor and ceiling; expected at least {limits.least_upright:.0%}; is it of this building? "
+            f"the rest on floor and ceiling; expected at least {limits.least_upright:.1%}; is it of this building? "
             "check pose, units and frame, or believe them (--no-refine)"
         )
     turn, shift = found.motion[:3, :3], found.motion[:3, 3]

@@ -28,10 +28,8 @@ ROBOT_EVIDENCE_WORDS: dict[str, str] = {
     "blocked": "Measured in front of the model's surface: the model does not have this thing, which may be furniture.",
     "unseen": "Measured where the model has nothing along the ray.",
 }
-PROBABILITY_WORDS = (
-    "The probability of a mismatch is that it is real; that of an element is that it was removed, whatever its verdict."
-)
 PROBABILITY_OF_MISMATCH = "The probability of a mismatch is that it is real."
+PROBABILITY_WORDS = f"{PROBABILITY_OF_MISMATCH} That of an element is that it was removed, whatever its verdict."
 OBSERVABLE_WORDS = (
     "The observable share of an object is how much of it the scan could tell of, out of all that would be seen of it "
     "if it stood alone in the field of view."

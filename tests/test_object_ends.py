@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, wall
+from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, slab, wall
 
 from jaxmm.object_clues import CLUES
-from jaxmm.object_ends import FAR, back_of, ends_of
+from jaxmm.object_ends import FAR, Look, back_of, ends_of
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Sight
@@ -25,8 +25,8 @@ def looked_at(seen, side):
 
 def ends(seen, side):
     piece, sight = looked_at(seen, side)
-    view = view_of(seen.points, np.array(SENSOR))
-    return ends_of(sight, piece, piece.members, seen.apart, view, SETTINGS)
+    looks = [Look(sight, view_of(seen.points, np.array(SENSOR)))]
+    return ends_of(sight, looks, piece, piece.members, seen.apart, SETTINGS)
 
 
 @pytest.mark.parametrize("y", [1.2, -1.2])
@@ -54,7 +54,33 @@ def test_a_face_that_the_picture_cuts_has_the_edge_of_the_view_there():
 
 
 def test_what_nobody_looks_past_may_be_deep():
-    assert all(end.deep == FAR for end in ends(judged(wall(2.05, 0.0, 9.0, 0.1, 90)), 2.0))
+    """A thin wall: before what is behind its nearer end stands something, and nobody sees behind the other."""
+    thin, screen = wall(2.55, 1.2, 0.8, 0.1, 90), slab((1.5, 0.1), (0.32, 0.28), 0.0, 3.0)
+    free, hidden = ends(judged(thin), 2.5), ends(judged(thin, others=(screen,)), 2.5)
+    assert free[0].deep <= 0.3 and hidden[0].deep > 0.5
+    assert free[1].deep == hidden[1].deep == FAR
+
+
+def told_of(seen, least=0.3):
+    """The clues of the one candidate whose first face is that long [m]."""
+    examined = examine(seen, ObjectSettings())
+    faces = [(one.first.face.length if one.first.face is not None else 0.0) for one in examined.candidates]
+    (number,) = [number for number, length in enumerate(faces) if length > least]
+    return dict(zip(CLUES, examined.clues[number], strict=True))
+
+
+def test_another_scan_of_the_front_takes_nothing_from_what_one_saw_of_the_back():
+    """All its rays end on the face: that is no reason to think that something is behind it."""
+    thing, aside, before = wall(2.05, 1.6, 2.0, 0.1, 90), (*SENSOR, 0.0), (-2.5, 1.6, 1.4, 0.0)
+    one, both = told_of(judged(thing, poses=(aside,))), told_of(judged(thing, poses=(aside, before)))
+    assert both["back"] <= one["back"] < 1.0
+    assert min(both["near_deep"], both["far_deep"]) <= min(one["near_deep"], one["far_deep"]) + 0.1
+
+
+def test_where_nobody_knows_which_scan_saw_what_no_view_has_an_edge():
+    poses = ((0.0, -0.5, 1.4, 0.0), (0.0, 0.5, 1.4, 0.0))
+    told = told_of(judged(wall(2.05, 0.0, 9.0, 0.1, 90), poses=poses)._replace(scan=None), 2.0)
+    assert told["near_in_view"] == told["far_in_view"] == FAR
 
 
 def test_rays_along_the_back_of_a_thin_wall_tell_that_it_is_no_deeper():
@@ -62,8 +88,8 @@ def test_rays_along_the_back_of_a_thin_wall_tell_that_it_is_no_deeper():
     (piece, sight), (pillar_piece, pillar_sight) = (
         looked_at(judged(one), 1.5) for one in (wall(1.55, 1.6, 1.4, 0.1, 90), pillar(2.2, 1.6, 1.4))
     )
-    assert back_of(sight, piece, SETTINGS) <= 0.4
-    assert back_of(pillar_sight, pillar_piece, SETTINGS) >= 1.3
+    assert back_of([Look(sight, None)], piece, SETTINGS) <= 0.4
+    assert back_of([Look(pillar_sight, None)], pillar_piece, SETTINGS) >= 1.3
 
 
 def test_how_deep_a_thing_may_be_is_among_its_clues():
@@ -76,13 +102,20 @@ def test_how_deep_a_thing_may_be_is_among_its_clues():
     assert told[0]["longest"] == pytest.approx(0.8, abs=0.25)
 
 
-def test_the_edge_of_the_view_is_that_of_the_scan_that_saw_the_thing():
-    """A second scan, that looks the other way, shows nothing of where the first one's picture ends."""
+@pytest.mark.parametrize("second", [(0.1, 0.0, 1.4, 180.0), (*SENSOR, 180.0)])
+def test_the_edge_of_the_view_is_that_of_the_scan_that_saw_the_thing(second):
+    """A scan that looks the other way, from the same place even, shows nothing of where the picture ends."""
     things = (wall(2.05, 0.0, 9.0, 0.1, 90), pillar(-3.0, 0.5, 0.6))
-    told = []
-    for poses in (((*SENSOR, 0.0),), ((*SENSOR, 0.0), (0.1, 0.0, 1.4, 180.0))):
-        examined = examine(judged(*things, poses=poses), ObjectSettings())
-        (number,) = [number for number, one in enumerate(examined.candidates) if one.first.face.length > 2.0]
-        told.append(dict(zip(CLUES, examined.clues[number], strict=True)))
-    for name in ("near_in_view", "far_in_view"):
-        assert max(one[name] for one in told) <= 0.1
+    told = [told_of(judged(*things, poses=poses), 2.0) for poses in (((*SENSOR, 0.0),), ((*SENSOR, 0.0), second))]
+    assert told[0]["near_in_view"] <= 0.1 and told[0]["far_in_view"] <= 0.1
+    if second[:3] != SENSOR:
+        assert told[1]["near_in_view"] <= 0.1 and told[1]["far_in_view"] <= 0.1
+
+
+def test_what_two_scans_saw_is_in_view_as_far_as_one_of_them_saw():
+    poses = ((0.0, -1.5, 1.4, 0.0), (0.0, 1.5, 1.4, 0.0))
+    thing = wall(3.05, 0.0, 0.8, 0.1, 90)
+    alone = [told_of(judged(thing, poses=(pose,))) for pose in poses]
+    both = told_of(judged(thing, poses=poses))
+    widest = max(one[name] for one in alone for name in ("near_in_view", "far_in_view"))
+    assert both["near_in_view"] == pytest.approx(widest, abs=0.11) == both["far_in_view"]

@@ -13,14 +13,14 @@ AHEAD = np.array([3.0, -2.0])  # two metres along x
 def camera(yaw, left=40.0, right=35.0, up=25.0, down=30.0, seed=0):
     """Points at all distances within a window of these angles [deg], its corners among them."""
     rng = np.random.default_rng(seed)
-    x = np.append(rng.uniform(-np.tan(np.radians(right)), np.tan(np.radians(left)), 400), [0] * 4)
-    z = np.append(rng.uniform(-np.tan(np.radians(down)), np.tan(np.radians(up)), 400), [0] * 4)
-    x[-4:] = np.tan(np.radians([left, left, -right, -right]))
-    z[-4:] = np.tan(np.radians([up, -down, up, -down]))
+    x = np.append(rng.uniform(-np.tan(np.radians(right)), np.tan(np.radians(left)), 4000), [0.0] * 16)
+    z = np.append(rng.uniform(-np.tan(np.radians(down)), np.tan(np.radians(up)), 4000), [0.0] * 16)
+    x[-16:] = np.tan(np.radians(np.tile([left, left, -right, -right], 4)))
+    z[-16:] = np.tan(np.radians(np.tile([up, -down, up, -down], 4)))
     turn = np.radians(yaw)
     ahead, side = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([-np.sin(turn), np.cos(turn), 0.0])
     lines = ahead + x[:, None] * side + z[:, None] * np.array([0.0, 0.0, 1.0])
-    return SENSOR + rng.uniform(0.5, 8.0, (404, 1)) * lines
+    return SENSOR + rng.uniform(0.5, 8.0, (len(x), 1)) * lines
 
 
 @pytest.mark.parametrize("yaw", [0.0, 77.0, 180.0, -120.0])
@@ -53,7 +53,20 @@ def test_half_of_the_heights_must_be_in_view():
     above, within = SENSOR[2] + 1.5, SENSOR[2]
     toward = np.array([0.0, 1.0])
     assert edge_beyond(view, AHEAD, toward, np.array([above, above, within]), 3.0) == 0.0
+    assert edge_beyond(view, AHEAD, toward, np.array([above, within]), 3.0) > 1.5
     assert edge_beyond(view, AHEAD, toward, np.array([above, within, within]), 3.0) > 1.5
+
+
+@pytest.mark.parametrize(
+    "stray", [[0.0, 0.0, 0.0], [-0.02, 0.0, 0.0], [-1.0, 0.3, 0.0], [0.4, 1.5, 0.1], [1.0, 0.0, 4.0]]
+)
+def test_single_errors_of_a_sensor_move_no_edge(stray):
+    """At the lens, behind it, far to the side and far above."""
+    points, level = camera(0.0), np.full(3, SENSOR[2])
+    views = view_of(points, SENSOR), view_of(np.vstack([points, SENSOR + stray]), SENSOR)
+    for toward in ([0.0, 1.0], [0.0, -1.0]):
+        edges = [edge_beyond(view, AHEAD, np.array(toward), level, 9.0) for view in views]
+        assert edges[0] == edges[1] < 2.0
 
 
 def test_a_scan_of_all_around_or_of_hardly_anything_has_no_edges():
@@ -61,7 +74,9 @@ def test_a_scan_of_all_around_or_of_hardly_anything_has_no_edges():
     around = SENSOR + np.column_stack([np.cos(turn), np.sin(turn), np.zeros(200)])
     half = around[turn < np.pi * 1.05]
     line = SENSOR + np.column_stack([np.ones(50), np.linspace(-0.5, 0.5, 50), np.zeros(50)])
-    for points in (around, half, line, line[:3], line[:0]):
+    y, z = np.meshgrid([-1.5, -0.5, 0.5, 1.5], [-1.0, 0.0, 1.0])
+    apart = SENSOR + np.column_stack([np.ones(12), y.ravel(), z.ravel()])  # every one alone
+    for points in (around, half, line, line[:3], line[:0], apart):
         assert view_of(points, SENSOR) is None
     assert edge_beyond(None, SENSOR[:2], np.array([1.0, 0.0]), np.array([1.0]), 3.0) == 3.0
 
