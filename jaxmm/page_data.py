@@ -14,6 +14,7 @@ from jaxmm.report import Detection, Drawing, to_json
 from jaxmm.verdict_words import (
     EVIDENCE_WORDS,
     OBSERVABLE_WORDS,
+    PROBABILITY_OF_MISMATCH,
     PROBABILITY_WORDS,
     ROBOT_EVIDENCE_WORDS,
     VERDICT_WORDS,
@@ -66,8 +67,9 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
         "summary": detection.summary(),
         "report": to_json(detection),
         "words": {
-            "verdicts": VERDICT_WORDS, "prior": EVIDENCE_WORDS, "robot": ROBOT_EVIDENCE_WORDS,
-            "probability": PROBABILITY_WORDS, "observable": OBSERVABLE_WORDS,
+            "verdicts": VERDICT_WORDS if detection.elements else {},  # a point cloud has nothing that they are of
+            "probability": PROBABILITY_WORDS if detection.elements else PROBABILITY_OF_MISMATCH,
+            "prior": EVIDENCE_WORDS, "robot": ROBOT_EVIDENCE_WORDS, "observable": OBSERVABLE_WORDS,
         },
         "thinned": _told(drawing, (len(robot), len(prior), len(surface.faces))),
         "has_surface": drawing.vertices is not None,

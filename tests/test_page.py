@@ -15,6 +15,7 @@ from pages import EVIL, hostile
 from jaxmm.page import page_text, write_page
 from jaxmm.page_data import Limits, as_script, decoded, encoded, page_data, surface_of
 from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord, to_json
+from jaxmm.verdict_words import PROBABILITY_OF_MISMATCH, PROBABILITY_WORDS, VERDICT_WORDS
 from jaxmm.verdicts import PRESENT
 
 
@@ -52,6 +53,13 @@ def test_arrays_survive_base64(kind):
         assert again.dtype == kind and np.array_equal(again, array)
     big_endian = np.array([1.0, 256.5], ">f4")
     assert np.array_equal(decoded(encoded(big_endian)), [1.0, 256.5])
+
+
+def test_a_page_explains_verdicts_where_there_are_some(case):
+    told, silent = (carried(page_text(one))["words"] for one in (case.detection, case.detection._replace(elements=())))
+    assert told["verdicts"] == VERDICT_WORDS and told["probability"] == PROBABILITY_WORDS
+    assert silent["verdicts"] == {} and silent["probability"] == PROBABILITY_OF_MISMATCH
+    assert PROBABILITY_OF_MISMATCH in PROBABILITY_WORDS != PROBABILITY_OF_MISMATCH
 
 
 def test_page_carries_the_whole_detection(case):
