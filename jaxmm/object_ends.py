@@ -9,14 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.object_pieces import Piece
-from jaxmm.object_sight import Patch, Sight, crossings, crossings_along
+from jaxmm.object_sight import Sight, crossings, crossings_along, upright_patch
 from jaxmm.object_view import View, edge_beyond
-from jaxmm.object_walls import STEP, WallSettings, reach
+from jaxmm.object_walls import LOOKED_THROUGH, STEP, WallSettings, reach
 
 FAR = 3.0  # [m] that a face may go on for, or a thing be deep; more tells no more
 DEEP_STEPS = 20  # of STEP each, behind a face, in which one looks for the back of a thing
 BACKS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.3)  # [m] behind a face, where one looks along it
-LOOKED_THROUGH = 0.3  # share of a scan's rays that pass, from which on there is nothing
 AT_END = 0.2  # [m] of an end a point is at it
 HEIGHTS = (0.1, 0.3, 0.5, 0.7, 0.9)  # quantiles of all points of a thing, for which the edge of the view is sought
 
@@ -84,7 +83,7 @@ def back_of(looks: Sequence[Look], piece: Piece, settings: WallSettings) -> floa
     for back in BACKS:
         start, end = piece.face.ends - back * piece.toward
         for look in looks:
-            patch = Patch(start, end, *_heights(look.sight, settings))
+            patch = upright_patch(look.sight, start, end, settings.rim)
             if crossings(look.sight, patch, settings.tolerance).free > LOOKED_THROUGH:
                 return back
     return FAR
@@ -92,9 +91,6 @@ def back_of(looks: Sequence[Look], piece: Piece, settings: WallSettings) -> floa
 
 def _deep(sight: Sight, piece: Piece, end: np.ndarray, settings: WallSettings) -> float:
     near, far = (end - steps * STEP * piece.toward for steps in (1, DEEP_STEPS + 1))
-    found = crossings_along(sight, Patch(near, far, *_heights(sight, settings)), settings.tolerance, DEEP_STEPS)
+    patch = upright_patch(sight, near, far, settings.rim)
+    found = crossings_along(sight, patch, settings.tolerance, DEEP_STEPS)
     return next((STEP * (number + 1) for number, one in enumerate(found) if one.free > LOOKED_THROUGH), FAR)
-
-
-def _heights(sight: Sight, settings: WallSettings) -> tuple[float, float]:
-    return sight.floor + settings.rim, sight.ceiling - settings.rim

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from sklearn.cluster import DBSCAN
 
 from jaxmm.object_shapes import Circle, Face, circle_through, face_through, faces_of
-from jaxmm.object_sight import Crossings, Patch, Sight, crossings
+from jaxmm.object_sight import Crossings, Patch, Sight, crossings, upright_patch
 
 
 @dataclasses.dataclass(frozen=True)
@@ -235,7 +235,7 @@ def is_hidden(sight: Sight, start: np.ndarray, end: np.ndarray, settings: PieceS
 def between_of(sight: Sight, start: np.ndarray, end: np.ndarray, settings: PieceSettings) -> Crossings:
     """What rays do that head for the gap between two places (2,) [m], from floor to ceiling."""
     inset = 0.1 * (end - start)
-    patch = Patch(start + inset, end - inset, sight.floor + settings.rim, sight.ceiling - settings.rim)
+    patch = upright_patch(sight, start + inset, end - inset, settings.rim)
     return crossings(sight, patch, settings.tolerance)
 
 

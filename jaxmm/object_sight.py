@@ -29,6 +29,11 @@ class Patch(NamedTuple):
     high: float
 
 
+def upright_patch(sight: Sight, start: np.ndarray, end: np.ndarray, rim: float) -> Patch:
+    """The patch between two places (2,) [m] in plan, from floor to ceiling but for a rim [m] at both."""
+    return Patch(start, end, sight.floor + rim, sight.ceiling - rim)
+
+
 class Crossings(NamedTuple):
     """How many of the rays that head for a patch end where."""
 

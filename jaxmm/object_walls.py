@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxmm.building_grid import Uprights
 from jaxmm.object_pieces import Piece, PieceSettings
-from jaxmm.object_sight import Crossings, Patch, Sight, crossings, crossings_along
+from jaxmm.object_sight import Crossings, Sight, crossings, crossings_along, upright_patch
 
 
 class KnownBuilding(NamedTuple):
@@ -56,6 +56,7 @@ class Continuation(NamedTuple):
 
 
 STEP = 0.1  # [m] in which the line of a face is followed beyond its end
+LOOKED_THROUGH = 0.3  # share of the rays that pass, from which on nothing is there
 
 
 def wall_behind(
@@ -121,7 +122,7 @@ def _steps_beyond(sight: Sight, piece: Piece, way: float, settings: WallSettings
     steps = round(settings.hidden_end / STEP)
     near = _end(piece, way) + way * piece.face.along * settings.tolerance
     far = near + way * piece.face.along * steps * STEP
-    patch = Patch(near, far, sight.floor + settings.rim, sight.ceiling - settings.rim)
+    patch = upright_patch(sight, near, far, settings.rim)
     return crossings_along(sight, patch, settings.tolerance, steps)
 
 
@@ -130,7 +131,7 @@ def _end(piece: Piece, way: float) -> np.ndarray:
 
 
 def _shows_the_end(found: Crossings) -> bool:
-    return found.beyond > 0.3 * found.total or found.on > 0.5 * found.total
+    return found.beyond > LOOKED_THROUGH * found.total or found.on > 0.5 * found.total
 
 
 def seen_thin(sight: Sight, piece: Piece, settings: WallSettings) -> bool:
@@ -140,7 +141,7 @@ def seen_thin(sight: Sight, piece: Piece, settings: WallSettings) -> bool:
         return False
     for end in face.ends:
         near, far = end - toward * settings.most_thickness, end - toward * face.length
-        patch = Patch(near, far, sight.floor + settings.rim, sight.ceiling - settings.rim)
+        patch = upright_patch(sight, near, far, settings.rim)
         if crossings(sight, patch, settings.tolerance).free > settings.free:
             return True
     return False
@@ -169,7 +170,7 @@ def _looked_through(sight: Sight, wall: Piece, end: np.ndarray, thickness: float
     """Whether rays pass at one end of a face where the back of a wall so thick would be."""
     inner = wall.face.center + 0.9 * (end - wall.face.center)  # rays past the very end tell nothing
     near, far = inner - wall.toward * thickness / 2, inner - wall.toward * thickness
-    patch = Patch(near, far, sight.floor + settings.rim, sight.ceiling - settings.rim)
+    patch = upright_patch(sight, near, far, settings.rim)
     return crossings(sight, patch, settings.tolerance).free > settings.free
 
 
