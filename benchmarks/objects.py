@@ -31,6 +31,7 @@ from jaxmm.evaluate import pick_model, predict
 from jaxmm.evidence import FEATURES
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
+from jaxmm.object_finish import Rays
 from jaxmm.object_walls import KnownBuilding
 from jaxmm.objects import Judged, find_objects
 from jaxmm.pipeline import clouds_of, pairs_of
@@ -40,6 +41,7 @@ from jaxmm.simulator import CloudSource
 from jaxmm.train import Model
 from jaxmm.weights import DEFAULT
 from warp_scanner.pairs import Pairs
+from warp_scanner.poses import rotation_of
 from warp_scanner.room_buildings import building_of_room
 from warp_scanner.scenes import WALL
 
@@ -72,7 +74,7 @@ def rooms_of(config: Config, model: Model, source: CloudSource, count: int) -> l
             here = {change: made[row] for change, made in clouds.items()}
             extent, known = _extent(config, pairs, row, here), _known(config, pairs, row)
             for change, cloud in here.items():
-                judged = _judged(config, model, (cloud, change), pairs.pose.position[row], extent)
+                judged = _judged(config, model, (cloud, change), _rays(pairs, row), extent)
                 found = {"default": _probable(judged, known), "thesis": _as_thesis(judged)}
                 truth = _truths(pairs, row, CHANGES[change])
                 scores = {preset: score_of(boxes, truth) for preset, boxes in found.items()}
@@ -154,13 +156,20 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def _judged(
-    config: Config, model: Model, which: tuple[LabelledCloud, str], sensor: np.ndarray, extent: tuple[float, float]
+    config: Config, model: Model, which: tuple[LabelledCloud, str], rays: Rays, extent: tuple[float, float]
 ) -> Judged:
     cloud, change = which
     pillar, wall = (
         predict(pick_model(model, f"{kind}_{change}"), cloud.evidence, config.network) for kind in ("pillar", "wall")
     )
-    return Judged(cloud.points, pillar, wall, cloud.evidence[:, APART], sensor[None], *extent)
+    told = None if change == "removed" else (rays,)  # as in `detect`
+    return Judged(cloud.points, pillar, wall, cloud.evidence[:, APART], rays.origin[None], *extent, rays=told)
+
+
+def _rays(pairs: Pairs, row: int) -> Rays:
+    """All rays of the robot's scan, from where it is believed to be."""
+    turned = rotation_of(pairs.pose.yaw[row : row + 1], pairs.pose.pitch[row : row + 1])[0]
+    return Rays(pairs.pose.position[row], pairs.directions @ turned.T, pairs.robot.distance[row])
 
 
 def _probable(judged: Judged, known: KnownBuilding) -> list[Box]:

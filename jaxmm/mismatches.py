@@ -15,6 +15,7 @@ from jaxmm.detect_settings import DetectSettings
 from jaxmm.hindsight import Alone
 from jaxmm.judging import Side
 from jaxmm.object_clues import ONTO
+from jaxmm.object_finish import Rays
 from jaxmm.object_shapes import is_round
 from jaxmm.objects import Found, Judged, find_objects
 from jaxmm.places import Visits, fused
@@ -145,7 +146,9 @@ def judged_side(looked: list[Looked], change: str) -> Judged:
     pillar, wall = fused(visits, np.concatenate([np.column_stack([side.pillar, side.wall]) for side in sides])).T
     apart = np.concatenate([side.view.apart for side in sides])
     floor, ceiling = min(one.levels[0] for one in looked), max(one.levels[1] for one in looked)
-    return Judged(points, pillar, wall, apart, sensors, floor, ceiling, scan)
+    rays = tuple(Rays(one.rays.position, one.rays.direction, one.rays.distance) for one in looked)
+    # What the robot's rays met says nothing of the faces of what is gone.
+    return Judged(points, pillar, wall, apart, sensors, floor, ceiling, scan, rays if change == "added" else None)
 
 
 def _alone(box: Box, change: str, looked: list[Looked]) -> list[Alone]:

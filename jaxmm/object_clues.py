@@ -49,6 +49,16 @@ CLUES = (
     "back",  # [m] behind the face at which rays pass along its back
     "near_in_view",  # [m] from the nearer end to the edge of the view, on in the line of the face
     "far_in_view",  # [m] and from the other
+    "near_shift",  # [m] that the face ends, at the nearer end, beyond its thinned points, as all rays show
+    "far_shift",  # [m] and at the other
+    "near_side",  # [m] behind the face, to which one sees the surface go on from the nearer end
+    "far_side",  # [m] and from the other
+    "near_jump",  # [m] from there back to what comes next; -1 where nothing comes
+    "far_jump",  # [m] and at the other end
+    "near_before",  # share of the rays next to the nearer end that end before the face; -1 without one
+    "far_before",  # and next to the other
+    "near_missing",  # share of them of which nothing came back
+    "far_missing",  # and next to the other
     "points",  # logarithm of their number, for each scan that saw some
     "pillar",  # log odds of the mean of P(of a changed pillar)
     "wall",  # and of a changed wall
@@ -149,7 +159,7 @@ def _of_ends(
         **{
             f"{name}_{what}": value
             for name, end in (("near", near), ("far", far))
-            for what, value in end._asdict().items()
+            for what, value in (end._asdict() | end.finish._asdict()).items()
         },
         "longest": face.length + near.goes_on + far.goes_on,
         "back": back_of(looks, piece, settings),

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.object_finish import INSIDE, Crossed, Finish, Rays, crossed_by, finish_of
 from jaxmm.object_pieces import Piece
 from jaxmm.object_sight import Sight, crossings, crossings_along, upright_patch
 from jaxmm.object_view import View, edge_beyond
@@ -17,6 +18,7 @@ FAR = 3.0  # [m] that a face may go on for, or a thing be deep; more tells no mo
 DEEP_STEPS = 20  # of STEP each, behind a face, in which one looks for the back of a thing
 BACKS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.3)  # [m] behind a face, where one looks along it
 AT_END = 0.2  # [m] of an end a point is at it
+SAME_PLACE = 0.05  # [m] scans this near to each other were taken from one place
 HEIGHTS = (0.1, 0.3, 0.5, 0.7, 0.9)  # quantiles of all points of a thing, for which the edge of the view is sought
 
 
@@ -25,6 +27,7 @@ class Look(NamedTuple):
 
     sight: Sight  # of its points
     view: View | None  # None where nobody knows the edges
+    rays: Rays  # all that it has, where they are known; else those to its points
 
 
 class End(NamedTuple):
@@ -34,6 +37,7 @@ class End(NamedTuple):
     deep: float  # [m] behind the face, beside this end, where some scan first looks through; FAR where none does
     in_view: float  # [m] to the edge of the view, on in the line of the face; FAR at most
     apart: float  # [m] least distance of its points to the surface of the other side; 1 at most
+    finish: Finish  # as all rays show it
 
 
 def ends_of(
@@ -69,6 +73,7 @@ def ends_of(
             min((_deep(look.sight, piece, end, settings) for look in looks), default=FAR),
             max((edge_beyond(view, end, toward, heights, FAR) for view in views), default=FAR),
             float(np.min(apart[at_end], initial=1.0)),
+            finish_of(_crossed(sight, looks, piece, members, end), piece.face.length, way),
         )
 
     nearer = 1.0 if (piece.origin[:2] - piece.face.center) @ piece.face.along > 0.0 else -1.0
@@ -87,6 +92,26 @@ def back_of(looks: Sequence[Look], piece: Piece, settings: WallSettings) -> floa
             if crossings(look.sight, patch, settings.tolerance).free > LOOKED_THROUGH:
                 return back
     return FAR
+
+
+def _crossed(sight: Sight, looks: Sequence[Look], piece: Piece, members: np.ndarray, end: np.ndarray) -> Crossed:
+    """Where the rays of the scan that shows most of the face at one of its ends (2,) [m] cross it.
+
+    Scans from the same place are asked together, as one that was turned between shows either end once. One from behind
+    the face tells nothing of it.
+    """
+    origin = sight.origin[piece.members]
+    before = (origin[:, :2] - piece.face.center) @ piece.toward > 0.0
+    near = before & (np.linalg.norm(sight.points[piece.members, :2] - end, axis=1) < INSIDE)
+    places, many = np.unique(origin[near if near.any() else before], axis=0, return_counts=True)
+    asked = places[np.argmax(many)] if len(places) else piece.origin
+    parts = [
+        crossed_by(look.rays, piece, sight.points[members, 2])
+        for look in looks
+        if np.linalg.norm(look.sight.origin - asked, axis=1).min() < SAME_PLACE
+    ]
+    parts = [Crossed(np.zeros(0), np.zeros(0)), *parts]
+    return Crossed(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
 def _deep(sight: Sight, piece: Piece, end: np.ndarray, settings: WallSettings) -> float:

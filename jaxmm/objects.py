@@ -19,6 +19,7 @@ from jaxmm.building_grid import Uprights, grid_near
 from jaxmm.object_candidates import Candidate, candidates_of
 from jaxmm.object_clues import CLUES, ONTO, Opinions, clues_of
 from jaxmm.object_ends import Look
+from jaxmm.object_finish import Rays
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.object_levels import levels_of
 from jaxmm.object_pieces import joined, pieces_of, upright
@@ -39,6 +40,7 @@ class Judged(NamedTuple):
     floor: float  # [m]
     ceiling: float
     scan: np.ndarray | None = None  # (N,) int which of the S saw each point; where None, the nearest may have
+    rays: tuple[Rays, ...] | None = None  # (S,) all of each scan, needs `scan`; where None, those to the points are all
 
 
 class Examined(NamedTuple):
@@ -168,17 +170,20 @@ def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None 
 def _looks(judged: Judged, sight: Sight) -> list[Look]:
     """Each scan by itself. Where nobody knows which saw a point, nobody knows where its view ends either."""
     sensors = np.asarray(judged.sensor, np.float64)
-    if len(sensors) == 1:
-        return [Look(sight, view_of(sight.points, sensors[0]))]
-    if judged.scan is None:
-        return [Look(sight, None)]
+    if judged.scan is None and len(sensors) > 1:
+        return [Look(sight, None, _rays_to(sight))]
     looks = []
     for number, sensor in enumerate(sensors):
-        own = np.asarray(judged.scan) == number
+        own = np.asarray(judged.scan) == number if judged.scan is not None else np.ones(len(sight.points), bool)
         if own.any():
-            points = sight.points[own]
-            looks.append(Look(sight._replace(points=points, origin=sight.origin[own]), view_of(points, sensor)))
+            mine = sight._replace(points=sight.points[own], origin=sight.origin[own])
+            rays = judged.rays[number] if judged.rays is not None else _rays_to(mine)
+            looks.append(Look(mine, view_of(mine.points, sensor), rays))
     return looks
+
+
+def _rays_to(sight: Sight) -> Rays:
+    return Rays(sight.origin, sight.points - sight.origin, np.ones(len(sight.points)))
 
 
 def _found(sight: Sight, solid: Solid, settings: ObjectSettings) -> Found:
@@ -216,7 +221,22 @@ def _checked(judged: Judged) -> tuple[Sight, Opinions]:
         scan = np.asarray(judged.scan)
         if scan.shape != (len(points),) or not np.all((scan >= 0) & (scan < len(sensors))):
             raise ValueError(f"scan must be ({len(points)},) of 0 to {len(sensors) - 1}, got {scan.shape}")
+    if judged.rays is not None:
+        _check_rays(judged.rays, sensors, judged.scan)
     if not judged.floor < judged.ceiling:
         raise ValueError(f"floor must lie below ceiling, got {judged.floor} and {judged.ceiling}")
     origin = sensors_of(points, sensors, judged.scan)
     return Sight(points, origin, float(judged.floor), float(judged.ceiling)), opinions
+
+
+def _check_rays(rays: tuple[Rays, ...], sensors: np.ndarray, scan: np.ndarray | None) -> None:
+    if len(rays) != len(sensors) or (scan is None and len(sensors) > 1):
+        known = "" if scan is not None else " whose points are known"
+        raise ValueError(f"rays must be those of {len(sensors)} scans{known}, got those of {len(rays)}")
+    for one, sensor in zip(rays, sensors, strict=True):
+        if not np.array_equal(one.origin, sensor):
+            raise ValueError(f"rays must start at the sensor of their scan, {sensor}, got {one.origin}")
+        if one.direction.shape != (len(one.distance), 3) or not np.isfinite(one.direction).all():
+            raise ValueError(f"directions of rays must be finite, ({len(one.distance)}, 3), got {one.direction.shape}")
+        if not np.all(one.distance >= 0.0):  # also false for NaN
+            raise ValueError("distances of rays must not be negative or NaN")

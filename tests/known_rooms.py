@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jaxmm.object_finish import Rays
 from jaxmm.objects import Judged
 from warp_scanner.points import points_of
 from warp_scanner.scenes import BOX, Tags, join, solids
@@ -11,6 +12,8 @@ from warp_scanner.voxels import thin_clouds
 
 FLOOR, CEILING = 0.0, 3.0
 SENSOR = (0.0, 0.0, 1.4)  # looks along x; the room reaches from -5 to 5
+
+NO_RAYS = Rays(np.array(SENSOR), np.zeros((0, 3)), np.zeros(0))
 
 
 def slab(x, y, low, high, yaw=0.0, kind=BOX, element=1):
@@ -39,7 +42,7 @@ def wall(x, y, length, thickness, yaw, high=CEILING):
 def judged(*changed, others=(), poses=((*SENSOR, 0.0),), noise=0.0):
     """Scans of the room with changed things and others, the former with probability 0.95."""
     scene = join(*SHELL, *changed, *(other._replace(element=np.full((1, 1), 2, np.int32)) for other in others))
-    points, element, scan = [], [], []
+    points, element, scan, rays = [], [], [], []
     for number, (x, y, z, yaw) in enumerate(poses):
         pose = Pose(np.array([[x, y, z]], np.float32), np.array([yaw], np.float32), np.zeros(1, np.float32))
         seen = cast(scene, None, OAK_D_PRO_SMALL, pose)
@@ -47,9 +50,11 @@ def judged(*changed, others=(), poses=((*SENSOR, 0.0),), noise=0.0):
         ranges = seen.distance + noise * rng.standard_normal(seen.distance.shape).astype(np.float32)
         cloud = points_of(pose, OAK_D_PRO_SMALL.directions(), ranges)[0]
         (kept,) = thin_clouds([cloud], 0.1)
+        away = points_of(pose, OAK_D_PRO_SMALL.directions(), np.ones_like(ranges))[0] - pose.position[0]
+        rays.append(Rays(np.array([x, y, z]), away, ranges[0]))
         points.append(cloud[kept]), element.append(seen.element[0, kept]), scan.append(np.full(len(kept), number))
     points, new = np.concatenate(points), np.concatenate(element) == 1
     sensors = np.array([pose[:3] for pose in poses])
     probability = np.where(new, 0.95, 0.02)
     apart = np.where(new, 1.0, 0.0)
-    return Judged(points, probability, probability, apart, sensors, FLOOR, CEILING, np.concatenate(scan))
+    return Judged(points, probability, probability, apart, sensors, FLOOR, CEILING, np.concatenate(scan), tuple(rays))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, slab, wall
+from known_rooms import CEILING, FLOOR, NO_RAYS, SENSOR, judged, pillar, slab, wall
 
 from jaxmm.object_clues import CLUES
 from jaxmm.object_ends import FAR, Look, back_of, ends_of
@@ -25,7 +25,7 @@ def looked_at(seen, side):
 
 def ends(seen, side):
     piece, sight = looked_at(seen, side)
-    looks = [Look(sight, view_of(seen.points, np.array(SENSOR)))]
+    looks = [Look(sight, view_of(seen.points, np.array(SENSOR)), seen.rays[0])]
     return ends_of(sight, looks, piece, piece.members, seen.apart, SETTINGS)
 
 
@@ -79,7 +79,7 @@ def test_another_scan_of_the_front_takes_nothing_from_what_one_saw_of_the_back()
 
 def test_where_nobody_knows_which_scan_saw_what_no_view_has_an_edge():
     poses = ((0.0, -0.5, 1.4, 0.0), (0.0, 0.5, 1.4, 0.0))
-    told = told_of(judged(wall(2.05, 0.0, 9.0, 0.1, 90), poses=poses)._replace(scan=None), 2.0)
+    told = told_of(judged(wall(2.05, 0.0, 9.0, 0.1, 90), poses=poses)._replace(scan=None, rays=None), 2.0)
     assert told["near_in_view"] == told["far_in_view"] == FAR
 
 
@@ -88,8 +88,8 @@ def test_rays_along_the_back_of_a_thin_wall_tell_that_it_is_no_deeper():
     (piece, sight), (pillar_piece, pillar_sight) = (
         looked_at(judged(one), 1.5) for one in (wall(1.55, 1.6, 1.4, 0.1, 90), pillar(2.2, 1.6, 1.4))
     )
-    assert back_of([Look(sight, None)], piece, SETTINGS) <= 0.4
-    assert back_of([Look(pillar_sight, None)], pillar_piece, SETTINGS) >= 1.3
+    assert back_of([Look(sight, None, NO_RAYS)], piece, SETTINGS) <= 0.4
+    assert back_of([Look(pillar_sight, None, NO_RAYS)], pillar_piece, SETTINGS) >= 1.3
 
 
 def test_how_deep_a_thing_may_be_is_among_its_clues():

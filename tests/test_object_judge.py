@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import safetensors.numpy
-from known_rooms import judged, pillar, slab, wall
+from known_rooms import NO_RAYS, judged, pillar, slab, wall
 
 from jaxmm import object_training
 from jaxmm.boxes import Box
@@ -145,9 +145,8 @@ def test_clues_of_a_face_are_its_length_height_distance_and_angles():
     piece, sight = seen_from(points, np.arange(50))
     opinions = Opinions(np.full(50, 0.5), np.full(50, 0.9), np.repeat([0.05, 0.6], 25))
     (one,) = candidates_of(sight, [piece], SolidSettings())
-    told = dict(
-        zip(CLUES, clues_of(sight, [Look(sight, None)], one, opinions, np.radians(20.0), SolidSettings()), strict=True)
-    )
+    looks = [Look(sight, None, NO_RAYS)]
+    told = dict(zip(CLUES, clues_of(sight, looks, one, opinions, np.radians(20.0), SolidSettings()), strict=True))
     expected = {
         "round": 0, "length": 1.0, "span": 1.0, "side": 0, "pieces": 1, "points": np.log(50), "pillar": 0,
         "wall": np.log(9), "top": 1.7, "bottom": 0.2, "left": 1.3, "range": 2.0, "slant": 0, "off_grid": 20,
@@ -171,7 +170,8 @@ def test_clues_of_a_shaft_are_its_diameter_and_arc():
     sight = Sight(points, np.zeros((40, 3)), 0.0, 3.0)
     (one,) = candidates_of(sight, [piece], SolidSettings())
     opinions = Opinions(*np.full((3, 40), 0.5))
-    told = dict(zip(CLUES, clues_of(sight, [Look(sight, None)], one, opinions, 0.0, SolidSettings()), strict=True))
+    looks = [Look(sight, None, NO_RAYS)]
+    told = dict(zip(CLUES, clues_of(sight, looks, one, opinions, 0.0, SolidSettings()), strict=True))
     assert (told["round"], told["length"], told["arc"]) == pytest.approx((1.0, 0.6, np.pi))
     # What is told of a face is told of the line through its points: its ends, and how far off they are.
     assert told["bulge"] == pytest.approx(0.3 * 2.0 / np.pi, abs=0.01)

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, slab, wall
+from known_rooms import CEILING, FLOOR, NO_RAYS, SENSOR, judged, pillar, slab, wall
 
 from jaxmm.object_candidates import candidates_of
 from jaxmm.object_clues import CLUES
@@ -77,6 +77,9 @@ def test_rays_beyond_before_and_on_a_patch_are_told_apart():
         ({"apart": np.full(4, np.nan)}, "apart must not be negative or NaN"),
         ({"scan": np.array([0, 0, 0, 3])}, r"scan must be \(4,\) of 0 to 0"),
         ({"scan": np.zeros(3, int)}, r"scan must be \(4,\) of 0 to 0, got \(3,\)"),
+        ({"rays": ()}, "rays must be those of 1 scans"),
+        ({"rays": (NO_RAYS,)}, "rays must start at the sensor of their scan"),
+        ({"rays": (NO_RAYS,), "sensor": NO_RAYS.origin[None].repeat(2, axis=0)}, "rays must be those of 2 scans"),
         ({"floor": 3.0}, "floor must lie below ceiling, got 3.0 and 3.0"),
     ],
 )

@@ -6,8 +6,10 @@ from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, slab, wall
 
 from jaxmm.box_match import match_boxes
 from jaxmm.boxes import Box
+from jaxmm.object_clues import CLUES
+from jaxmm.object_finish import Rays
 from jaxmm.object_walls import KnownBuilding
-from jaxmm.objects import Judged, ObjectSettings, find_objects
+from jaxmm.objects import Judged, ObjectSettings, examine, find_objects
 from warp_scanner.scenes import BOX, CYLINDER
 
 
@@ -138,9 +140,14 @@ def test_the_answer_is_the_same_in_any_order_of_points_and_moves_and_turns_with_
         assert set(order[b.members]) == set(a.members)
     angle, shift = np.radians(degrees), np.array([120.0, -70.0, 4.0])
     turn = np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    rays = tuple(Rays(one.origin @ turn + shift, one.direction @ turn, one.distance) for one in seen.rays)
     moved = seen._replace(
-        points=seen.points @ turn + shift, sensor=seen.sensor @ turn + shift, floor=FLOOR + 4.0, ceiling=CEILING + 4.0
-    )
+        points=seen.points @ turn + shift, sensor=seen.sensor @ turn + shift, floor=FLOOR + 4.0, ceiling=CEILING + 4.0,
+        rays=rays,
+    )  # fmt: skip
+    told, same = (examine(one, ObjectSettings()).clues for one in (seen, moved))
+    ends = [number for number, name in enumerate(CLUES) if name.endswith(("_shift", "_before", "_missing"))]
+    np.testing.assert_allclose(told[:, ends], same[:, ends], atol=0.1)
     for a, b in zip(plain, find_objects(moved), strict=True):
         np.testing.assert_allclose(a.box.center @ turn + shift, b.box.center, atol=0.06)
         np.testing.assert_allclose(a.box.dimensions, b.box.dimensions, atol=0.1)

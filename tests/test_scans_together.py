@@ -98,6 +98,11 @@ def test_sides_of_one_scan_stay_and_of_two_are_fused():
         np.testing.assert_array_equal(alone.pillar, near.added.pillar)
         np.testing.assert_array_equal(alone.wall, near.added.wall)
         apart = judged_side([near, far], change)
+        if change == "removed":  # the robot's rays do not end on the prior's points
+            assert apart.rays is None
+        else:
+            assert [one.direction is scan.rays.direction for one, scan in zip(apart.rays, (near, far), strict=True)]
+            np.testing.assert_array_equal([one.origin for one in apart.rays], apart.sensor)
         np.testing.assert_array_equal(apart.pillar, np.tile(near.added.pillar, 2))
         both = judged_side([near, near], change)
         assert len(both.points) == 600 and (both.pillar[:300] * both.pillar[300:] == 0.0).all()
