@@ -18,7 +18,6 @@ FAR = 3.0  # [m] that a face may go on for, or a thing be deep; more tells no mo
 DEEP_STEPS = 20  # of STEP each, behind a face, in which one looks for the back of a thing
 BACKS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.3)  # [m] behind a face, where one looks along it
 AT_END = 0.2  # [m] of an end a point is at it
-SAME_PLACE = 0.05  # [m] scans this near to each other were taken from one place
 HEIGHTS = (0.1, 0.3, 0.5, 0.7, 0.9)  # quantiles of all points of a thing, for which the edge of the view is sought
 
 
@@ -97,8 +96,7 @@ def back_of(looks: Sequence[Look], piece: Piece, settings: WallSettings) -> floa
 def _crossed(sight: Sight, looks: Sequence[Look], piece: Piece, members: np.ndarray, end: np.ndarray) -> Crossed:
     """Where the rays of the scan that shows most of the face at one of its ends (2,) [m] cross it.
 
-    Scans from the same place are asked together, as one that was turned between shows either end once. One from behind
-    the face tells nothing of it.
+    Scans from the very same place are asked together; one from behind the face tells nothing of it.
     """
     origin = sight.origin[piece.members]
     before = (origin[:, :2] - piece.face.center) @ piece.toward > 0.0
@@ -108,7 +106,7 @@ def _crossed(sight: Sight, looks: Sequence[Look], piece: Piece, members: np.ndar
     parts = [
         crossed_by(look.rays, piece, sight.points[members, 2])
         for look in looks
-        if np.linalg.norm(look.sight.origin - asked, axis=1).min() < SAME_PLACE
+        if np.all(look.sight.origin == asked, axis=1).any()
     ]
     parts = [Crossed(np.zeros(0), np.zeros(0)), *parts]
     return Crossed(*(np.concatenate(field) for field in zip(*parts, strict=True)))

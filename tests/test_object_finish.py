@@ -14,14 +14,14 @@ HEIGHTS = np.array([-1.0, 1.0])
 BEHIND = 5.0  # [m] where the wall behind everything is
 
 
-def seen(*things, low=-1.2, high=1.2):
+def seen(*things, low=-1.2, high=1.2, behind=BEHIND):
     """Level rays from the origin, along x and up to 50 degrees aside, into a plan of segments and a wall behind them.
 
     A segment is two places (2,) [m]; what lies aside of the bearings `low` to `high` [rad] comes back from nowhere.
     """
     bearing = np.linspace(-0.9, 0.9, 8001)
     way = np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
-    reach = BEHIND / way[:, 0]
+    reach = behind / way[:, 0]
     for start, end in things:
         start, along = np.array(start, float), np.subtract(end, start)
         det = way[:, 0] * -along[1] + way[:, 1] * along[0]
@@ -61,6 +61,12 @@ def test_the_side_of_a_thing_is_as_deep_as_one_sees_it_go_on(depth):
     assert near.side == pytest.approx(depth, abs=0.1)
     assert near.side + near.jump == pytest.approx(min(BEHIND - 2.0, FARTHEST), abs=0.1)
     assert far.side == 0.0 and far.shift == pytest.approx(0.0, abs=STRIP)
+
+
+def test_what_is_far_behind_is_no_part_of_a_long_side():
+    """Both are deeper than what matters, and so as deep as each other."""
+    near, _ = both(seen(((4.0, 3.6), (4.0, 3.8)), ((4.0, 3.6), (9.0, 3.6)), behind=12.0), 0.2, (4.0, 3.7))
+    assert 2.8 < near.side < FARTHEST and near.jump == pytest.approx(FARTHEST - near.side)
 
 
 def test_what_stands_before_an_end_hides_it():
@@ -142,10 +148,11 @@ def test_a_thin_wall_and_a_pillar_show_how_deep_their_sides_are():
     assert thin <= 0.2 and deep >= 0.5
 
 
+@pytest.mark.parametrize("thickness", [0.25, 0.06])
 @pytest.mark.parametrize("second", [(4.5, 0.6, 1.4, 0.0), (4.6, 1.2, 1.4, 200.0)])
-def test_a_scan_from_behind_tells_nothing_of_the_front(second):
-    """One that looks away, and one that has more points of the wall than the scan of its front."""
-    thing, poses = wall(2.5, 0.0, 2.0, 0.25, 90), ((*SENSOR, 0.0), second)
+def test_a_scan_from_behind_tells_nothing_of_the_front(second, thickness):
+    """One that looks away, and one that has more points of the wall, on the same face where that is thin."""
+    thing, poses = wall(2.5, 0.0, 2.0, thickness, 90), ((*SENSOR, 0.0), second)
     one, two = (
         [dict(zip(CLUES, told, strict=True)) for told in examine(judged(thing, poses=some), ObjectSettings()).clues]
         for some in (poses[:1], poses)
