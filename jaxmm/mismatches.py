@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm import hindsight
+from jaxmm.box_match import footprint
 from jaxmm.boxes import Box, fit_boxes
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.hindsight import Alone
@@ -24,13 +25,16 @@ from jaxmm.report import Mismatch
 from jaxmm.scan_rays import ScanRays
 from jaxmm.verdicts import REMOVED, Verdict
 from warp_scanner.building_changes import of_element
-from warp_scanner.scenes import PILLAR, WALL
+from warp_scanner.scan import Rays as Casts
+from warp_scanner.scenes import CEILING, FLOOR, PILLAR, WALL
+from warp_scanner.triangles import cast_triangles
 
 KINDS = {WALL: "wall", PILLAR: "pillar"}
 LEAST_NEW = 0.5  # share of an added object's points that must be farther
 LEAST_MET = 8  # rays that tell of an object, below which it is a guess
 MOST_DENIED = 0.03  # share of the rays that tell anything, which may look through an object's core
 STOREY = 1.5  # [m] between floors of two storeys, at least
+LEAST_LOWER = 0.05  # [m] by which a roof is lower than the ceiling above the sensor
 SAME_SIZE = (0.1, 0.15)  # [m], share: sides of an object that moved differ by no more than the greater of both
 
 
@@ -123,17 +127,39 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
         ]
         return [_mismatch(prior, box, change, _alone(box, change, looked)) for box in boxes]
 
+    def box_of(one: Found) -> Box:
+        return _below_roof(prior, one.box, float(judged.points[one.members, 2].max())) if change == "added" else one.box
+
     def allows(one: Found) -> bool:
         """Whether it is likely, new, and the rays meet it and hardly pass through it."""
         if one.box.probability < settings.least_probability:
             return False
-        alone = _alone(one.box, change, looked)
+        alone = _alone(box_of(one), change, looked)
         new = np.mean(judged.apart[one.members] > ONTO) if change == "added" else 1.0
         tell, deny = sum(part.tell for part in alone), sum(part.deny for part in alone)
         return bool(new >= LEAST_NEW and tell >= LEAST_MET and deny <= MOST_DENIED * (tell + deny))
 
-    found = find_objects(judged, settings.objects, prior.known, allows=allows)
-    return [_mismatch(prior, one.box, change, _alone(one.box, change, looked)) for one in found]
+    boxes = [box_of(one) for one in find_objects(judged, settings.objects, prior.known, allows=allows)]
+    return [_mismatch(prior, box, change, _alone(box, change, looked)) for box in boxes]
+
+
+def _below_roof(prior: Prior, box: Box, seen: float) -> Box:
+    """A new box, no higher than what the building has above its footprint, and no lower than it was seen [m].
+
+    The ceiling that things are made up to is the one above the sensor; a roof slopes, and the next room may be lower.
+    """
+    if prior.scene is None:
+        return box
+    level = np.isin(prior.scene.triangles.semantic, (FLOOR, CEILING))
+    places = np.column_stack([footprint(box, np.zeros(2)), np.full(4, seen)])
+    free = cast_triangles(prior.scene, Casts(places, np.array([[0.0, 0.0, 1.0]], np.float32)), level).distance
+    bottom, top = (box.center[2] + way * box.dimensions[2] / 2 for way in (-1.0, 1.0))
+    roof = seen + float(free.min())
+    if roof > top - LEAST_LOWER:
+        return box
+    center, dimensions = np.array(box.center, np.float64), np.array(box.dimensions, np.float64)
+    center[2], dimensions[2] = (bottom + roof) / 2, roof - bottom
+    return box._replace(center=center, dimensions=dimensions)
 
 
 def judged_side(looked: list[Looked], change: str) -> Judged:

@@ -2,16 +2,19 @@
 
 import numpy as np
 import pytest
+from box_building import building_of
 
+from jaxmm.boxes import Box
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans, look_at
-from jaxmm.mismatches import _linked, mismatches_of
+from jaxmm.mismatches import _below_roof, _linked, mismatches_of
+from jaxmm.priors import prior_of_building, prior_of_cloud
 from jaxmm.report import Mismatch
 from jaxmm.room_scans import room_cases, true_boxes
 from jaxmm.scan_rays import rays_of_scan
 from jaxmm.weights import DEFAULT
-from warp_scanner.scenes import CYLINDER
+from warp_scanner.scenes import CEILING, CYLINDER, FLOOR, WALL
 
 
 def mismatch(change, edges=(0.5, 0.5), kind="pillar", shape="rectangular", height=3.0):
@@ -52,6 +55,36 @@ def test_each_is_linked_once_and_the_likest_first():
 def test_two_of_a_kind_of_change_are_no_move():
     assert all(one.moved_from is None for one in _linked([mismatch("removed"), mismatch("removed")]))
     assert all(one.moved_from is None for one in _linked([mismatch("added"), mismatch("added")]))
+
+
+@pytest.mark.parametrize(
+    "x, seen, top",
+    [
+        pytest.param(1.0, 2.0, 5.0, id="under the high roof"),
+        pytest.param(-1.0, 2.0, 3.0, id="under the low one"),
+        pytest.param(0.1, 2.0, 3.0, id="under the edge of both"),
+        pytest.param(-1.0, 3.5, 5.0, id="seen above the low one"),
+        pytest.param(9.0, 2.0, 5.0, id="in the open"),
+    ],
+)
+def test_a_new_object_goes_no_higher_than_the_roof_above_it(x, seen, top):
+    """Made up to 5 m, the ceiling above the sensor; walls and beams above it are no roof."""
+    building = building_of([
+        ((0.0, 0.0, -0.1), (4.0, 4.0, 0.1), FLOOR), ((2.0, 0.0, 5.1), (2.0, 4.0, 0.1), CEILING),
+        ((-2.0, 0.0, 3.1), (2.0, 4.0, 0.1), CEILING), ((1.0, 0.0, 2.5), (0.5, 4.0, 0.1), WALL),
+    ])  # fmt: skip
+    prior = prior_of_building(building)
+    box = Box("pillar", np.array([x, 0.5, 2.5]), np.array([0.4, 0.6, 5.0]), 30.0, "rectangular", 0.9, 40)
+    found = _below_roof(prior, box._replace(center=box.center - prior.origin), seen - prior.origin[2])
+    high = found.center[2] + prior.origin[2] + found.dimensions[2] / 2
+    assert high == pytest.approx(top, abs=1e-4)
+    assert high - found.dimensions[2] == pytest.approx(0.0, abs=1e-4)
+    np.testing.assert_array_equal(found.dimensions[:2], box.dimensions[:2])
+
+
+def test_of_a_roof_a_cloud_tells_nothing():
+    box = Box("wall", np.array([0.0, 0.0, 2.5]), np.array([2.0, 0.2, 5.0]), 0.0, "rectangular", 0.9, 40)
+    assert _below_roof(prior_of_cloud(np.random.default_rng(0).uniform(0, 3, (50, 3))), box, 2.0) is box
 
 
 def raised(looked, by):
