@@ -11,7 +11,8 @@ from scipy.spatial import cKDTree
 from scipy.special import logit
 
 from jaxmm.object_candidates import Candidate, CandidateSettings
-from jaxmm.object_ends import FAR, Look, back_of, ends_of
+from jaxmm.object_ends import End, Look, back_of, ends_of
+from jaxmm.object_finish import FAR
 from jaxmm.object_pieces import Piece, front_of
 from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Patch, Sight, crossings
@@ -156,14 +157,17 @@ def _of_ends(
     return {
         "flat": float(np.sqrt(np.mean(off**2))),
         "bulge": float(off.max()) if candidate.first.circle is not None else 0.0,
-        **{
-            f"{name}_{what}": value
-            for name, end in (("near", near), ("far", far))
-            for what, value in (end._asdict() | end.finish._asdict()).items()
-        },
+        **_of_end("near", near),
+        **_of_end("far", far),
         "longest": face.length + near.goes_on + far.goes_on,
         "back": back_of(looks, piece, settings),
     }
+
+
+def _of_end(name: str, end: End) -> dict[str, float]:
+    told = end._asdict()
+    told |= told.pop("finish")._asdict()
+    return {f"{name}_{what}": value for what, value in told.items()}
 
 
 def _of_points(sight: Sight, candidate: Candidate, opinions: Opinions) -> dict[str, float]:

@@ -3,18 +3,18 @@
 N points of one side of the scans, S scans. World frame: metres, z up. Plan: x and y.
 """
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.object_finish import INSIDE, Crossed, Finish, Rays, crossed_by, finish_of
+from jaxmm.object_finish import FAR, INSIDE, Crossed, Finish, Rays, crossed_by, finish_of
 from jaxmm.object_pieces import Piece
 from jaxmm.object_sight import Sight, crossings, crossings_along, upright_patch
 from jaxmm.object_view import View, edge_beyond
 from jaxmm.object_walls import LOOKED_THROUGH, STEP, WallSettings, reach
 
-FAR = 3.0  # [m] that a face may go on for, or a thing be deep; more tells no more
 DEEP_STEPS = 20  # of STEP each, behind a face, in which one looks for the back of a thing
 BACKS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.3)  # [m] behind a face, where one looks along it
 AT_END = 0.2  # [m] of an end a point is at it
@@ -64,6 +64,10 @@ def ends_of(
     heights = np.quantile(sight.points[members, 2], HEIGHTS)
     places = sight.points[members, :2]
 
+    @functools.cache  # both ends are mostly seen from one place, and its rays are many
+    def crossed_from(place: tuple[float, ...]) -> Crossed:
+        return _crossed(looks, place, piece, sight.points[members, 2])
+
     def end_at(way: float) -> End:
         end, toward = piece.face.ends[0 if way < 0 else 1], way * piece.face.along
         at_end = members[np.linalg.norm(places - end, axis=1) < AT_END]
@@ -72,7 +76,7 @@ def ends_of(
             min((_deep(look.sight, piece, end, settings) for look in looks), default=FAR),
             max((edge_beyond(view, end, toward, heights, FAR) for view in views), default=FAR),
             float(np.min(apart[at_end], initial=1.0)),
-            finish_of(_crossed(sight, looks, piece, members, end), piece.face.length, way),
+            finish_of(crossed_from(_asked(sight, piece, end)), piece.face.length, way),
         )
 
     nearer = 1.0 if (piece.origin[:2] - piece.face.center) @ piece.face.along > 0.0 else -1.0
@@ -93,22 +97,19 @@ def back_of(looks: Sequence[Look], piece: Piece, settings: WallSettings) -> floa
     return FAR
 
 
-def _crossed(sight: Sight, looks: Sequence[Look], piece: Piece, members: np.ndarray, end: np.ndarray) -> Crossed:
-    """Where the rays of the scan that shows most of the face at one of its ends (2,) [m] cross it.
-
-    Scans from the very same place are asked together; one from behind the face tells nothing of it.
-    """
+def _asked(sight: Sight, piece: Piece, end: np.ndarray) -> tuple[float, ...]:
+    """The place [m] from which most of the face at one of its ends (2,) [m] was seen, its front."""
     origin = sight.origin[piece.members]
     before = (origin[:, :2] - piece.face.center) @ piece.toward > 0.0
     near = before & (np.linalg.norm(sight.points[piece.members, :2] - end, axis=1) < INSIDE)
     places, many = np.unique(origin[near if near.any() else before], axis=0, return_counts=True)
-    asked = places[np.argmax(many)] if len(places) else piece.origin
-    parts = [
-        crossed_by(look.rays, piece, sight.points[members, 2])
-        for look in looks
-        if np.all(look.sight.origin == asked, axis=1).any()
-    ]
-    parts = [Crossed(np.zeros(0), np.zeros(0)), *parts]
+    return tuple((places[np.argmax(many)] if len(places) else piece.origin).tolist())
+
+
+def _crossed(looks: Sequence[Look], place: tuple[float, ...], piece: Piece, z: np.ndarray) -> Crossed:
+    """Where all rays from a place [m] cross a face: several scans may be from the very same one."""
+    asked = [look for look in looks if np.all(look.sight.origin == place, axis=1).any()]
+    parts = [Crossed(np.zeros(0), np.zeros(0)), *(crossed_by(look.rays, piece, z) for look in asked)]
     return Crossed(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 

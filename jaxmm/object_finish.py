@@ -21,7 +21,7 @@ BACK, FORTH = 0.14, 0.1  # [m] from strip to strip, by which one surface goes on
 PATIENCE = 3  # strips without a ray, with which a surface has ended
 NEXT = 6  # strips, of which one tells what comes next
 SEEN_AT = (0.05, 0.95)  # quantiles of the heights of a thing, between which rays are asked: its rims are no part of it
-FARTHEST = 3.0  # [m] past a face, beyond which it does not matter where a ray ends
+FAR = 3.0  # [m] that a face may go on, or a thing be deep; more tells no more
 NOTHING = -1.0  # a length or a share that no ray tells
 
 
@@ -37,7 +37,7 @@ class Crossed(NamedTuple):
     """Where rays meet the upright plane of a face, or would."""
 
     place: np.ndarray  # (M,) [m] along the face, from its centre
-    past: np.ndarray  # (M,) [m] past the plane that they end, FARTHEST at most; inf where nothing came back
+    past: np.ndarray  # (M,) [m] past the plane that they end, FAR at most; inf where nothing came back
 
 
 class Finish(NamedTuple):
@@ -77,7 +77,7 @@ def crossed_by(rays: Rays, piece: Piece, z: np.ndarray) -> Crossed:
     crosses = (meets > 0.0) & (height >= low) & (height <= high)
     place = (offset + meets[:, None] * direction[:, :2])[crosses] @ face.along
     past = ((distance - meets) * closing)[crosses]
-    return Crossed(place, np.where(np.isinf(past), past, np.minimum(past, FARTHEST)))
+    return Crossed(place, np.where(np.isinf(past), past, np.minimum(past, FAR)))
 
 
 def finish_of(crossed: Crossed, length: float, way: float) -> Finish:
@@ -151,7 +151,7 @@ def _followed(strips: _Strips, end: int) -> tuple[float, float, int]:
             empty += 1
             if empty == PATIENCE:
                 return deepest, last, number + 1
-        elif past < FARTHEST and -FORTH <= past - last <= BACK * (empty + 1):
+        elif past < FAR and -FORTH <= past - last <= BACK * (empty + 1):
             deepest, last, empty = max(deepest, past), past, 0
         else:
             return deepest, last, number

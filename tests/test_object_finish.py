@@ -5,7 +5,7 @@ import pytest
 from known_rooms import NO_RAYS, SENSOR, judged, pillar, slab, wall
 
 from jaxmm.object_clues import CLUES
-from jaxmm.object_finish import FARTHEST, NOTHING, STRIP, Finish, Rays, crossed_by, finish_of
+from jaxmm.object_finish import FAR, NOTHING, STRIP, Finish, Rays, crossed_by, finish_of
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import Face
 from jaxmm.objects import ObjectSettings, examine
@@ -59,14 +59,14 @@ def test_the_side_of_a_thing_is_as_deep_as_one_sees_it_go_on(depth):
     front, side = ((2.0, 1.6), (2.0, 2.2)), ((2.0, 1.6), (2.0 + depth, 1.6))
     near, far = both(seen(front, side), 0.6, (2.0, 1.9))
     assert near.side == pytest.approx(depth, abs=0.1)
-    assert near.side + near.jump == pytest.approx(min(BEHIND - 2.0, FARTHEST), abs=0.1)
+    assert near.side + near.jump == pytest.approx(min(BEHIND - 2.0, FAR), abs=0.1)
     assert far.side == 0.0 and far.shift == pytest.approx(0.0, abs=STRIP)
 
 
 def test_what_is_far_behind_is_no_part_of_a_long_side():
     """Both are deeper than what matters, and so as deep as each other."""
     near, _ = both(seen(((4.0, 3.6), (4.0, 3.8)), ((4.0, 3.6), (9.0, 3.6)), behind=12.0), 0.2, (4.0, 3.7))
-    assert 2.8 < near.side < FARTHEST and near.jump == pytest.approx(FARTHEST - near.side)
+    assert 2.8 < near.side < FAR and near.jump == pytest.approx(FAR - near.side)
 
 
 def test_what_stands_before_an_end_hides_it():
