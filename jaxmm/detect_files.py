@@ -123,13 +123,16 @@ def write_all(detection: Detection, prior: Path, out: Path, *, apply: bool = Fal
         detection: what was found.
         prior: its file; an IFC file is also written anew with the changes marked, or made.
         out: folder that does not exist yet, or is empty.
-        apply: delete removed elements instead of marking them.
+        apply: delete removed elements instead of marking them; not while a scan may be of another place.
 
     Raises:
         InputError: the folder holds something, or cannot be written.
     """
     check_empty(out, "--out")
     start, said = time.perf_counter(), []
+    if apply and any(scan.doubted for scan in detection.scans):
+        apply = False
+        said.append("--apply: removed elements are marked, not deleted: it is open whether every scan is of this place")
 
     def write(work: Path) -> None:
         write_figures(work, detection)

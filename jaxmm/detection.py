@@ -178,7 +178,7 @@ def _records(
         pose = _pose_of(fit.scan, prior.origin)
         records.append(ScanRecord(
             one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, (*one.notes, *fit.notes),
-            int(shows[number]), int(alone[number]),
+            int(shows[number]), int(alone[number]), bool(fit.notes),
         ))  # fmt: skip
     return tuple(records)
 

@@ -86,7 +86,8 @@ def evidence_figure(detection: Detection, path: Path | str) -> Figure:
             handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=2, frameon=False, borderaxespad=3.6
         )
 
-    titles = {"removed": "the model, by what the scan's rays did", "added": "the scan, by where the model's surface is"}
+    whose = "all scans'" if len(detection.scans) > 1 else "the scan's"  # points of the prior are of all together
+    titles = {"removed": f"the model, by what {whose} rays did", "added": "the scan, by where the model's surface is"}
     return save(_panoramas(detection, titles, draw), path)
 
 

@@ -69,6 +69,7 @@ class ScanRecord(NamedTuple):
     notes: tuple[str, ...] = ()
     shows: int = 0  # mismatches that some of its rays tell of
     alone: int = 0  # of those: all other scans together have too few rays to tell of so many
+    doubted: bool = False  # whether it may be of another place, as its notes say
 
 
 class Drawing(NamedTuple):
@@ -107,6 +108,10 @@ class Detection(NamedTuple):
     def sentences(self) -> tuple[str, ...]:
         """The mismatches in words, one each."""
         return tuple(sentence(box_of(one), one.mismatch_type) for one in self.mismatches)
+
+    def __repr__(self) -> str:
+        """The summary: the arrays behind it fill screens."""
+        return f"<Detection: {self.summary()}>"
 
     def count(self, verdict: str) -> int:
         """How many elements have a verdict."""

@@ -6,7 +6,7 @@ Lengths in metres, angles in degrees, world frame of the prior.
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -163,7 +163,7 @@ def _named(elements: list[ElementVerdict], verdict: str) -> Iterator[str]:
     return _table([*columns, "next viewpoint x, y, z [m]"] if views else columns, rows)
 
 
-def _scans(scans: Iterable[ScanRecord]) -> list[str]:
+def _scans(scans: Sequence[ScanRecord]) -> list[str]:
     lines = ["## Scans"]
     for index, one in enumerate(scans, 1):
         lines += ["", f"{index}. **{escaped(one.file)}**: {one.points} points, taken from {pose_in_words(one.pose)}."]
@@ -178,7 +178,8 @@ def _scans(scans: Iterable[ScanRecord]) -> list[str]:
         lines.append(f"   - {told}. Registration: {fitted or 'none'}.")
         changed = ", ".join(f"{count} {name}" for name, count in one.told.items() if count)
         lines.append(f"   - Elements that have another verdict by it than before: {changed or 'none'}.")
-        alone = f", {one.alone} of them alone: of these the other scans show too little" if one.alone else ""
+        told_alone = len(scans) > 1 and one.alone
+        alone = f", {one.alone} of them alone: of these the other scans show too little" if told_alone else ""
         lines.append(f"   - Mismatches that it shows: {one.shows}{alone}.")
         lines += [f"   - {escaped(note)}" for note in one.notes]
     return lines

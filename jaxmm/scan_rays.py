@@ -16,6 +16,9 @@ MOST_RAYS = 300_000  # of a scan that has more, so many are drawn: five times wh
 MOST_PATTERN = 150_000
 LEAST_SPACING = np.radians(0.3)  # of a pattern: a voxel of 0.1 m is as wide at 19 m
 HOLE = 1.5  # spacings: a cell this large without a measured ray is a hole
+STRIP = np.radians(1.0)  # of elevations, or azimuths, along which gaps between rays are measured
+WIDEST_GAP = np.radians(4.0)  # between the rings of a spinning sensor; wider ones are holes
+RINGED = 1.5  # times as far apart as along them, rays lie in rings
 NEAREST = 0.05  # [m] points closer to the sensor are its own housing
 
 
@@ -36,7 +39,7 @@ class ScanRays(NamedTuple):
     distance: np.ndarray  # (P,) float32 [m], inf = nothing came back
     measured: int  # of P
     pattern: np.ndarray  # (Q, 3) float32 unit vectors: a regular grid over the field of view
-    spacing: float  # [rad] of the pattern
+    spacing: float  # [rad] of the sensor's rays where they are farthest apart, at least that of the pattern
     limit: float  # [m] beyond which the sensor sees nothing
 
 
@@ -85,7 +88,7 @@ def frame_of_rays(rays: ScanRays, floor: float, ceiling: float) -> Frame:
 
 
 def _pattern(scan: PosedScan, direction: np.ndarray) -> tuple[np.ndarray, float]:
-    """Directions (Q, 3) over the sensor's view, in the world, and how far apart [rad] they are."""
+    """Directions (Q, 3) over the sensor's view, in the world, and how far apart [rad] its rays are."""
     if scan.sensor is not None:
         rows, columns = scan.sensor.shape
         most = max(1.0, np.sqrt(rows * columns / MOST_PATTERN * 2.0))
@@ -96,11 +99,31 @@ def _pattern(scan: PosedScan, direction: np.ndarray) -> tuple[np.ndarray, float]
         return (sensor.directions() @ scan.rotation.T).astype(np.float32), float(spacing)
     outline = frame_of(np.zeros(3), direction.astype(np.float64), 0.0, 1.0)
     spacing = LEAST_SPACING
-    while True:
-        inside = _within(outline, spacing)
-        if len(inside) <= MOST_PATTERN:
-            return inside, float(spacing)
+    while len(inside := _within(outline, spacing)) > MOST_PATTERN:
         spacing *= 1.25
+    return inside, float(max(spacing, _between_rings(direction)))
+
+
+def _between_rings(direction: np.ndarray) -> float:
+    """How far apart [rad] the rings are that rays (P, 3) of a spinning sensor lie in; 0 where they lie in none.
+
+    What lies between two rings is no hole in the scan: no ray was ever sent there. Half of what a strip of azimuths
+    spans lies in gaps at least this wide; along the rings rays lie far closer.
+    """
+    azimuth = np.arctan2(direction[:, 1], direction[:, 0]).astype(np.float64)
+    elevation = np.arcsin(np.clip(direction[:, 2], -1.0, 1.0)).astype(np.float64)
+    across = _usual_gap(azimuth, elevation, np.ones(len(direction)))
+    along = _usual_gap(elevation, azimuth, np.cos(elevation))
+    return across if across > max(LEAST_SPACING, RINGED * along) else 0.0
+
+
+def _usual_gap(strip: np.ndarray, place: np.ndarray, scale: np.ndarray) -> float:
+    """Gap [rad] between neighbours along their strips: half of what they span is in gaps as wide or wider; else 0."""
+    number = np.floor(strip / STRIP).astype(np.int64)
+    order = np.lexsort((place, number))
+    gap = np.diff(place[order]) * scale[order][1:]
+    gap = np.sort(gap[(np.diff(number[order]) == 0) & (gap <= WIDEST_GAP)])
+    return float(gap[np.searchsorted(np.cumsum(gap), gap.sum() / 2)]) if gap.sum() > 0.0 else 0.0
 
 
 def _within(outline: Frame, spacing: float) -> np.ndarray:

@@ -11,6 +11,7 @@ from jaxmm import detect, detect_files
 from jaxmm.files import load_json, write_folder
 from jaxmm.inputs import InputError
 from jaxmm.scan_poses import parse_pose
+from warp_scanner.ifc_files import read_ifc
 
 MAP = np.array([155_000.25, 463_000.5, 12.0])  # [m] on a national grid
 
@@ -154,3 +155,17 @@ def test_a_folder_that_cannot_be_filled_stays_as_it_was(room, tmp_path, monkeypa
             detect_files.write_all(room[1].detection, tmp_path / "mesh.obj", out)
         assert "No space left" in str(told.value)
     assert [path.name for path in tmp_path.rglob("*")] == ["out"]
+
+
+def test_nothing_is_deleted_while_a_scan_may_be_of_another_place(tmp_path):
+    pytest.importorskip("ifcopenshell")
+    case = true_case(tmp_path)
+    gone = {one.element for one in case.detection.mismatches}
+    for doubted in (False, True):
+        scans = tuple(one._replace(doubted=doubted) for one in case.detection.scans)
+        out = tmp_path / f"out {doubted}"
+        said = detect_files.write_all(case.detection._replace(scans=scans), case.ifc, out, apply=True)
+        assert any("marked, not deleted" in line for line in said) == doubted
+        left = set(read_ifc(out / "updated.ifc").elements.guid)
+        assert gone and (gone <= left) == doubted and bool(gone & left) == doubted
+        assert load_json(out / "report.json")["scans"][0]["doubted"] is doubted

@@ -81,3 +81,30 @@ def test_a_scan_of_the_sensor_itself_is_refused():
     points = np.tile(PLACE, (30, 1)).astype(np.float32)
     with pytest.raises(ValueError, match="no point is farther"):
         rays_of_scan(PosedScan(points, PLACE, np.eye(3)))
+
+
+@pytest.mark.parametrize(("name", "gap"), [("velodyne-16", 2.0), ("ouster-64", 0.71)])
+@pytest.mark.parametrize("pitch", [0.0, 5.0])
+def test_what_lies_between_the_rings_of_an_unknown_sensor_is_no_hole(name, gap, pitch):
+    """And a lost block is one."""
+    own = sensor_named(name).directions()
+    direction = own @ turned(20.0, pitch).T
+    azimuth = np.degrees(np.arctan2(direction[:, 1], direction[:, 0]))
+    lost = (azimuth > 40.0) & (azimuth < 70.0) & (abs(np.degrees(np.arcsin(own[:, 2]))) < 8.0)
+    for kept, holes in ((np.ones(len(direction), bool), False), (~lost, True)):
+        rays = rays_of_scan(PosedScan((PLACE + 5.0 * direction[kept]).astype(np.float32), PLACE, turned(20.0, pitch)))
+        assert np.degrees(rays.spacing) == pytest.approx(gap, rel=0.15)
+        without = rays.direction[rays.measured :]
+        where = np.degrees(np.arctan2(without[:, 1], without[:, 0]))
+        inside = (where > 40.0) & (where < 70.0)
+        assert (len(without) - inside.sum()) < 0.005 * len(rays.pattern)
+        if holes:
+            assert inside.sum() * np.radians(0.3) ** 2 > 0.5 * np.radians(30.0) * np.radians(16.0)
+
+
+@pytest.mark.parametrize("name", ["oak-d-pro-small", "tls"])
+def test_a_sensor_without_rings_has_none(name):
+    direction = sensor_named(name).directions()[:: 1 if "oak" in name else 7]
+    for pitch in (0.0, 10.0):
+        scan = PosedScan((PLACE + 5.0 * direction @ turned(20.0, pitch).T).astype(np.float32), PLACE, np.eye(3))
+        assert np.degrees(rays_of_scan(scan).spacing) < 1.0
