@@ -16,12 +16,13 @@ from jaxmm.inputs import InputError
 from jaxmm.priors import Prior, distance_from, read_prior
 from jaxmm.scan_files import PointScan
 from jaxmm.scan_poses import GivenPose
-from jaxmm.scan_units import LEAST_OVERLAP, NEAR, UNITS, Distance, fit_of, height
+from jaxmm.scan_units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height
 
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
 LEAST = 0.2  # share of points that must lie on a prior read another way
 CLEARER = 1.25  # times as many points must lie on it as on the prior as it is
-TALLEST = 500.0  # [m] no scan is higher
+STOREY = 3.0  # [m] about as high as scans are
+ALIKE = 0.05  # share of points, by which a less likely unit must fit better
 Y_UP = (".glb", ".gltf")  # by their standard
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of rows
 
@@ -143,19 +144,20 @@ def fitting_prior(path: Path, options: Any, scans: list[OwnScan], unit: float | 
     if prior.file.kind == "ifc":
         return prior
     distance = distance_from(prior)
-    as_it_is = _share_on(scans, distance, unit)
+    rise = min(height(scan.points) for scan in scans)
+    # Only the ratio of both units shows in how they fit; a scan as high as a mountain has that of the prior.
+    tall = unit is None and options.unit == 1.0 and rise > TALLEST
+    as_it_is = max(_share_on(scans, distance, known) for known in (UNITS if tall else (unit,)))
     if as_it_is >= SURE:
         return prior
-    tall = unit is None and min(height(scan.points) for scan in scans) > TALLEST
     best, factor, how = as_it_is, 1.0, options
     for other, back in _ways_up(path, options, prior):
-        for length in (1.0, *UNITS) if options.unit == 1.0 else (1.0,):
-            # Only the ratio of both units shows in how they fit; a scan as high as a mountain has that of the prior.
+        for length in _units_of(rise if tall else None) if options.unit == 1.0 else (1.0,):
             known = unit if length == 1.0 else length if tall else unit or 1.0
             on = _share_on(scans, _read_as(distance, back, length), known)
-            if on > best:
+            if on > best + (ALIKE if tall else 0.0):
                 best, factor, how = on, length, other
-    if best < max(LEAST, CLEARER * as_it_is):
+    if best < (LEAST_OVERLAP if tall else max(LEAST, CLEARER * as_it_is)):
         return prior
     notes = []
     if how.y_up != options.y_up:
@@ -173,6 +175,13 @@ def _ways_up(path: Path, options: Any, prior: Prior) -> Iterator[tuple[Any, np.n
     if prior.file.kind == "mesh" and options.y_up is None:
         y_up = path.suffix.lower() not in Y_UP
         yield dataclasses.replace(options, y_up=y_up), Y_UP_TO_Z_UP.T if y_up else Y_UP_TO_Z_UP
+
+
+def _units_of(rise: float | None) -> tuple[float, ...]:
+    """Units [m] of a prior to try; of a scan that rises so much, in the same unit, the likeliest first."""
+    if rise is None:
+        return (1.0, *UNITS)
+    return tuple(sorted(UNITS, key=lambda length: abs(np.log(rise * length / STOREY))))
 
 
 def _read_as(distance: Distance, back: np.ndarray, length: float) -> Distance:

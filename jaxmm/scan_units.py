@@ -13,6 +13,7 @@ LEAST_OVERLAP = 0.05  # share of points, below which a scan is not of the prior'
 ON = 0.1  # [m] points this close to the prior lie on it
 CLEARLY = 0.3  # so much more of a scan must lie on the prior in another unit, to be of that
 LEAST_HEIGHT = 1.0  # [m] of what lies on the prior, to tell a unit by it
+TALLEST = 500.0  # [m] no scan is higher
 FITS = 0.5  # share of points from which another unit fits
 UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 0.3048: "feet"}
 _THIN = 4000
@@ -45,6 +46,8 @@ def fit_of(points: np.ndarray, distance: Distance, unit: float | None = None) ->
     # lies there is flat, as wide ground around any building then lies on its floor.
     others = [fit for fit in (_fit(points, distance, factor) for factor in UNITS) if fit.height > LEAST_HEIGHT]
     best = max(others, key=lambda fit: fit.on, default=told)
+    if height(points) > TALLEST:  # no metres, however little of it lies anywhere
+        return best if best.on > told.on and best.share >= LEAST_OVERLAP else told
     return best if best.on > told.on + CLEARLY and best.share >= FITS else told
 
 

@@ -10,7 +10,7 @@ from jaxmm.priors import distance_from, prior_of_cloud, read_prior
 from jaxmm.scan_files import PointScan
 from jaxmm.scan_places import fitting_prior, lay, own_scan
 from jaxmm.scan_poses import GivenPose
-from jaxmm.scan_units import UNITS, fit_of
+from jaxmm.scan_units import TALLEST, UNITS, fit_of
 from warp_scanner.buildings import ReadOptions, bounds
 
 ROOM = np.array([10.0, 8.0, 3.0])
@@ -241,3 +241,29 @@ def test_a_mesh_in_metres_stays_so_whatever_the_scans_are_in(room, tmp_path, sca
     for points in (room[1], with_ground(room[1]), room[1] + [0.3, 0.2, 0.2], room[1] + [300, 0, 0]):
         prior = fitted(tmp_path / "room.obj", [points * scale])
         assert prior.file.unit == 1.0 and not any("--" in note for note in prior.notes)
+
+
+@pytest.mark.parametrize("unit", [0.001, 0.01, 0.0254])
+def test_a_scan_and_a_whole_mesh_in_the_same_small_unit_are_told_by_their_height(room, tmp_path, unit):
+    """They fit each other as they are, as in any other unit; but no room is 3 km high."""
+    mesh, points = room
+    mesh.copy().apply_transform(trimesh.transformations.scale_and_translate(1 / unit, [900, 0, 0])).export(
+        tmp_path / "room.ply"
+    )
+    moved = points / unit + [900, 0, 0]
+    prior = fitted(tmp_path / "room.ply", [moved])
+    tall = 3.0 / unit > TALLEST
+    assert prior.file.unit == (unit if tall else 1.0)
+    laid = lay(prior, own_scan(plain(moved), None, "world"), None)
+    assert np.ptp(laid.points[:, 2]) == pytest.approx(3.0 if tall else 3.0 / unit, rel=0.02)
+
+
+def test_clouds_in_millimetres_that_share_a_fifth_of_their_surface_are_told(room, tmp_path):
+    left, right = (room[1][sign * room[1][:, 0] > -1.0] for sign in (-1.0, 1.0))
+    right = right[right[:, 0] > -0.4]
+    for prior_scale, scan_scale in ((1.0, 1.0), (1.0, 1000.0), (1000.0, 1000.0)):
+        np.save(tmp_path / "left.npy", left * prior_scale)
+        prior = fitted(tmp_path / "left.npy", [right * scan_scale])
+        laid = lay(prior, own_scan(plain(right * scan_scale), None, "world"), None)
+        assert prior.file.unit == 1.0 / prior_scale
+        np.testing.assert_allclose(laid.points, right, atol=1e-9)
