@@ -194,3 +194,8 @@ def test_the_summary_counts():
     )
     assert detection._replace(mismatches=(), elements=()).summary() == "no mismatch"
     assert detection.sentences[0] == "A wall has been added at [0. 0. 0.] with dimensions [1. 1. 1.]."
+
+
+def test_its_text_is_one_line_without_arrays():
+    detection = random_detection(3)
+    assert repr(detection) == str(detection) == f"<Detection: {detection.summary()}>"

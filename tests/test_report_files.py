@@ -277,6 +277,14 @@ def test_the_report_explains_what_it_says(removed):
     assert not any(words in without for words in VERDICT_WORDS.values())
 
 
+def test_a_single_scan_shows_nothing_alone(removed):
+    """There is no other that could show too little."""
+    one = removed.scans[0]._replace(shows=2, alone=2)
+    for count, said in ((1, False), (2, True)):
+        text = as_markdown(removed._replace(scans=(one,) * count))
+        assert "Mismatches that it shows: 2" in text and ("2 of them alone" in text) == said
+
+
 def test_words_cover_all_verdicts_and_all_evidence():
     assert tuple(VERDICT_WORDS) == VERDICTS
     assert tuple(EVIDENCE_WORDS) == tuple(ROBOT_EVIDENCE_WORDS) == ("through", "support", "blocked", "unseen")
