@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.detection_scores import LEAST_SHOWN
 from jaxmm.box_match import match_boxes
 from jaxmm.config import SCENARIOS
 from jaxmm.detect_files import read_judges
@@ -41,7 +42,6 @@ from warp_scanner.points import points_of
 from warp_scanner.poses import rotation_of
 from warp_scanner.sensors import OAK_D_PRO, OAK_D_PRO_SMALL, Sensor
 
-LEAST_SHOWN = 0.2
 SEED = 3  # of the test rooms
 
 

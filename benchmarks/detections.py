@@ -110,7 +110,7 @@ def table(out: Path) -> str:
             continue
         every += [element for room in rooms for element in room["elements"]]
         cells = []
-        for preset in ("default", "thesis"):
+        for preset in HOW:
             scored = [room[preset] for room in rooms if preset in room]
             off[preset] += [each for one in scored for each in one["off"]]
             cells += _scores({key: sum(one[key] for one in scored) for key in COUNTS})

@@ -22,7 +22,7 @@ SURE = 0.8  # share of points on the prior, from which no other way to read it i
 LEAST = 0.2  # share of points that must lie on a prior read another way
 CLEARER = 1.25  # times as many points must lie on it as on the prior as it is
 STOREY = 3.0  # [m] about as high as scans are
-ALIKE = 0.05  # share of points, by which a less likely unit must fit better
+ALIKE = 0.05  # share of points, by which a less likely way to read it must fit better
 Y_UP = (".glb", ".gltf")  # by their standard
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of rows
 
@@ -150,14 +150,18 @@ def fitting_prior(path: Path, options: Any, scans: list[OwnScan], unit: float | 
     as_it_is = max(_share_on(scans, distance, known) for known in (UNITS if tall else (unit,)))
     if as_it_is >= SURE:
         return prior
+    units = [(1.0, unit)]  # of the prior, and of the scans
+    if tall:  # exact ones fit in every unit alike: the likeliest first
+        units = [(one, one) for one in sorted(UNITS, key=lambda one: abs(np.log(rise * one / STOREY)))]
+    elif options.unit == 1.0:
+        units += [(one, unit or 1.0) for one in UNITS]
     best, factor, how = as_it_is, 1.0, options
     for other, back in _ways_up(path, options, prior):
-        for length in _units_of(rise if tall else None) if options.unit == 1.0 else (1.0,):
-            known = unit if length == 1.0 else length if tall else unit or 1.0
+        for length, known in units:
             on = _share_on(scans, _read_as(distance, back, length), known)
-            if on > best + (ALIKE if tall else 0.0):
+            if on > best + ALIKE:
                 best, factor, how = on, length, other
-    if best < (LEAST_OVERLAP if tall else max(LEAST, CLEARER * as_it_is)):
+    if best < max(LEAST_OVERLAP if tall else LEAST, CLEARER * as_it_is):
         return prior
     notes = []
     if how.y_up != options.y_up:
@@ -175,13 +179,6 @@ def _ways_up(path: Path, options: Any, prior: Prior) -> Iterator[tuple[Any, np.n
     if prior.file.kind == "mesh" and options.y_up is None:
         y_up = path.suffix.lower() not in Y_UP
         yield dataclasses.replace(options, y_up=y_up), Y_UP_TO_Z_UP.T if y_up else Y_UP_TO_Z_UP
-
-
-def _units_of(rise: float | None) -> tuple[float, ...]:
-    """Units [m] of a prior to try; of a scan that rises so much, in the same unit, the likeliest first."""
-    if rise is None:
-        return (1.0, *UNITS)
-    return tuple(sorted(UNITS, key=lambda length: abs(np.log(rise * length / STOREY))))
 
 
 def _read_as(distance: Distance, back: np.ndarray, length: float) -> Distance:

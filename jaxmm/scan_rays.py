@@ -120,7 +120,7 @@ def _between_rings(direction: np.ndarray) -> float:
 def _usual_gap(strip: np.ndarray, place: np.ndarray, scale: np.ndarray) -> float:
     """Gap [rad] between neighbours along their strips: half of what they span is in gaps as wide or wider; else 0."""
     number = np.floor(strip / STRIP).astype(np.int64)
-    order = np.lexsort((place, number))
+    order = np.argsort(number * 2.0 * np.pi + place)  # places span no more than a turn
     gap = np.diff(place[order]) * scale[order][1:]
     gap = np.sort(gap[(np.diff(number[order]) == 0) & (gap <= WIDEST_GAP)])
     return float(gap[np.searchsorted(np.cumsum(gap), gap.sum() / 2)]) if gap.sum() > 0.0 else 0.0
