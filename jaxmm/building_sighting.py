@@ -28,6 +28,10 @@ LAYERS = 6  # of surfaces along a ray, those where it leaves something included
 BEYOND = 0.005  # [m] behind a surface, from where the next is looked for
 AROUND = np.linspace(-1.0, 1.0, 5)  # [m] about the sensor, where floor and ceiling are looked for
 STANDING = (0.3, 2.5)  # [m] least and most height of a sensor above its floor
+LEAST_ROOM = 0.5  # [m] from floor to ceiling
+SAME_CEILING = 0.05  # [m] by which heights of one ceiling may differ
+BESIDE = 0.3 * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])  # [m] a column carries an edge
+BELOW = 0.1  # [m] under a point on a ceiling, from where one sees that ceiling
 FARTHEST = 2.0  # [m] beyond which the distance to the prior's surface is not looked for
 
 
@@ -103,10 +107,14 @@ def sight(prior: Prior, rays: ScanRays) -> Sighting:
     kept = hit[thin_clouds([places[hit]], VOXEL)[0]]
     measured = measured_points(rays)
     own = thin_clouds([measured], VOXEL)[0]
+    of_prior = _prior_view(
+        scene, rays, (expected, margin, noise), (places[kept], reach[kept], element[kept]), measured[own]
+    )
+    of_robot = _robot_view(scene, rays, (expected, margin, noise), (measured[own], own))
+    frame = frame_of_rays(rays, *levels_of(scene, rays, measured, prior.building.storeys.elevation))
     return Sighting(
-        _prior_view(scene, rays, (expected, margin, noise), (places[kept], reach[kept], element[kept]), measured[own]),
-        _robot_view(scene, rays, (expected, margin, noise), (measured[own], own)),
-        frame_of_rays(rays, *levels_of(scene, rays, measured, prior.building.storeys.elevation)),
+        *(view._replace(ceiling=ceilings_over(scene, view.points, frame)) for view in (of_prior, of_robot)),
+        frame,
         expected, margin, noise, places, reached,
     )  # fmt: skip
 
@@ -134,7 +142,24 @@ def levels_of(scene: TriangleScene, rays: ScanRays, points: np.ndarray, storeys:
     without_slab = storeys[(height >= STANDING[0]) & (height <= STANDING[1])]
     if rays.position[2] - floor > STANDING[1] and len(without_slab):
         floor = without_slab.max()
-    return float(floor), float(max(ceiling, floor + 0.5))
+    return float(floor), float(max(ceiling, floor + LEAST_ROOM))
+
+
+def ceilings_over(scene: TriangleScene, points: np.ndarray, frame: Frame) -> np.ndarray:
+    """Heights (N,) [m] of the ceiling above each point (N, 3): the next room may be lower, a roof slopes.
+
+    That of the frame where the building has none there. What is above the sensor's height is what a room ends at; a
+    point that is higher lies, at most, on the lower side of it.
+    """
+    level = np.isin(scene.triangles.semantic, (FLOOR, CEILING))
+    found = np.full(len(points), np.inf)
+    for beside in BESIDE:
+        start = points + beside
+        start[:, 2] = np.maximum(frame.sensor[2], points[:, 2] - BELOW)
+        up = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (len(points), 1))
+        found = np.minimum(found, start[:, 2] + cast_triangles(scene, Rays(start[None], up), level).distance[0])
+    other = np.isfinite(found) & (np.abs(found - frame.ceiling) > SAME_CEILING) & (found - frame.floor > LEAST_ROOM)
+    return np.where(other, found, frame.ceiling)
 
 
 def _clearance(scene: TriangleScene, position: np.ndarray, way: float) -> float:

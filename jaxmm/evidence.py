@@ -52,6 +52,7 @@ class View(NamedTuple):
     apart: np.ndarray  # (N,) [m] to the surface of the other side
     cosine: np.ndarray  # (N,) of the incidence
     candidate: np.ndarray  # (N,) bool: what could be a mismatch by its own evidence
+    ceiling: np.ndarray | None = None  # (N,) [m] world, of what the prior has above each; None: the frame's, of all
 
 
 class Noise(NamedTuple):
@@ -59,6 +60,14 @@ class Noise(NamedTuple):
 
     constant: float  # [m]
     growth: float  # [1/m]
+
+
+class Heights(NamedTuple):
+    """Where N points are between the floor and the ceiling above each, as shares of the height of the ceiling."""
+
+    height: np.ndarray  # (N,) above the floor
+    below: np.ndarray  # (N,) what could be seen below it
+    above: np.ndarray  # (N,) and above it
 
 
 class Frame(NamedTuple):
@@ -144,19 +153,28 @@ def features_of(view: View, frame: Frame) -> np.ndarray:
     """
     points = np.asarray(view.points, np.float64)
     share, (surface, pool) = fractions(view.count), _groups(view)
-    height = frame.ceiling - frame.floor
+    stands = _heights(view, frame)
     own = [
         share,
         np.clip(np.nan_to_num(view.residual) / 2.0, -1.0, 1.0),
         np.clip(np.nan_to_num(view.residual) / (3.0 * view.margin), -1.0, 1.0),
         np.clip(view.apart, 0.0, 1.0),
-        (points[:, 2] - frame.floor) / height,
+        stands.height,
         np.linalg.norm(points - frame.sensor, axis=1) / 10.0,
         np.nan_to_num(view.cosine, nan=1.0),
     ]
     of_surface = fractions(_rays_of(view.count, surface)[surface])
-    columns = [*own, pool >= 0, *_of_pools(view, frame, pool), of_surface, *_of_columns(view, frame)]
+    columns = [*own, pool >= 0, *_of_pools(view, stands, pool), of_surface, *_of_columns(view, stands)]
     return np.column_stack(columns).astype(np.float32)
+
+
+def _heights(view: View, frame: Frame) -> Heights:
+    """Where each point is between the floor and the ceiling above it."""
+    points = np.asarray(view.points, np.float64)
+    ceiling = np.full(len(points), frame.ceiling) if view.ceiling is None else view.ceiling
+    height = ceiling - frame.floor
+    below, above = (gap / height for gap in _visible_gaps(points, ceiling, frame))
+    return Heights((points[:, 2] - frame.floor) / height, below, above)
 
 
 def _groups(view: View) -> tuple[np.ndarray, np.ndarray]:
@@ -175,51 +193,47 @@ def _rays_of(count: np.ndarray, group: np.ndarray) -> np.ndarray:
     return np.column_stack([np.bincount(group, count[:, side]) for side in range(4)])
 
 
-def _of_pools(view: View, frame: Frame, pool: np.ndarray) -> list[np.ndarray]:
+def _of_pools(view: View, stands: Heights, pool: np.ndarray) -> list[np.ndarray]:
     """Columns of each point's pool, from its fractions to its width; (N,) or (N, 4)."""
     count = len(pool)
     if not (pool >= 0).any():
         return [np.zeros((count, 4)), *(np.zeros(count) for _ in range(7))]
     _, number = np.unique(pool[pool >= 0], return_inverse=True)
     inside = pool >= 0
-    points, height = np.asarray(view.points, np.float64)[inside], frame.ceiling - frame.floor
     rays = _rays_of(view.count[inside], number)
-    low, high = _extremes(number, points[:, 2])
-    below, above = _visible_gaps(points, frame)
-    length, width = _extents(number, points[:, :2])
+    low, high = _extremes(number, stands.height[inside])
+    length, width = _extents(number, np.asarray(view.points, np.float64)[inside, :2])
     told = [
         fractions(rays),
         np.log10(1.0 + rays.sum(axis=1)) / 4.0,
-        (low - frame.floor) / height,
-        (high - frame.floor) / height,
-        _extremes(number, below)[0] / height,
-        _extremes(number, above)[0] / height,
+        low,
+        high,
+        _extremes(number, stands.below[inside])[0],
+        _extremes(number, stands.above[inside])[0],
         np.minimum(length / 5.0, 1.0),
         np.minimum(width, 1.0),
     ]
     return [_spread(values[number], inside) for values in told]
 
 
-def _of_columns(view: View, frame: Frame) -> list[np.ndarray]:
+def _of_columns(view: View, stands: Heights) -> list[np.ndarray]:
     """Lowest and highest candidate of each candidate's column, and what it leaves free above; (N,) each."""
     inside = view.candidate
     if not inside.any():
         return [np.zeros(len(inside)) for _ in range(3)]
-    points, height = np.asarray(view.points, np.float64)[inside], frame.ceiling - frame.floor
-    _, number = np.unique(np.floor(points[:, :2] / COLUMN), axis=0, return_inverse=True)
+    places = np.asarray(view.points, np.float64)[inside, :2]
+    _, number = np.unique(np.floor(places / COLUMN), axis=0, return_inverse=True)
     number = number.ravel()
-    low, high = _extremes(number, points[:, 2])
-    _, above = _visible_gaps(points, frame)
-    told = [(low - frame.floor) / height, (high - frame.floor) / height, _extremes(number, above)[0] / height]
+    told = [*_extremes(number, stands.height[inside]), _extremes(number, stands.above[inside])[0]]
     return [_spread(values[number], inside) for values in told]
 
 
-def _visible_gaps(points: np.ndarray, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+def _visible_gaps(points: np.ndarray, ceiling: np.ndarray, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     """How far each point is from the lowest and the highest place that could be seen below and above it [m]."""
     offset = points - frame.sensor
     level, cell = np.hypot(offset[:, 0], offset[:, 1]), _azimuth_cell(offset)
     top, bottom = (np.nan_to_num(slope[cell], nan=0.0, posinf=1e6, neginf=-1e6) for slope in (frame.top, frame.bottom))
-    highest = np.minimum(frame.ceiling, frame.sensor[2] + level * top)
+    highest = np.minimum(ceiling, frame.sensor[2] + level * top)
     lowest = np.maximum(frame.floor, frame.sensor[2] + level * bottom)
     return np.maximum(points[:, 2] - lowest, 0.0), np.maximum(highest - points[:, 2], 0.0)
 

@@ -173,8 +173,12 @@ def judged_side(looked: list[Looked], change: str) -> Judged:
     apart = np.concatenate([side.view.apart for side in sides])
     floor, ceiling = min(one.levels[0] for one in looked), max(one.levels[1] for one in looked)
     rays = tuple(Rays(one.rays.position, one.rays.direction, one.rays.distance) for one in looked)
-    # What the robot's rays met says nothing of the faces of what is gone.
-    return Judged(points, pillar, wall, apart, sensors, floor, ceiling, scan, rays if change == "added" else None)
+    over = [side.view.ceiling for side in sides]
+    return Judged(
+        points, pillar, wall, apart, sensors, floor, ceiling, scan,
+        rays if change == "added" else None,  # what the robot's rays met says nothing of the faces of what is gone
+        None if any(one is None for one in over) else np.concatenate(over),
+    )  # fmt: skip
 
 
 def _alone(box: Box, change: str, looked: list[Looked]) -> list[Alone]:

@@ -116,13 +116,16 @@ def _clusters(sight: Sight, chosen: np.ndarray, settings: PieceSettings) -> list
 
 def _grown(sight: Sight, piece: Piece, loose: np.ndarray, settings: PieceSettings) -> tuple[Piece, np.ndarray]:
     """The piece with the loose points that continue it, and those that are left."""
+    above = sight.points[loose, 2] > sight.under(piece.members).ceiling  # it is on the next storey
+    higher, loose = loose[above], loose[~above]
     if not len(loose):
-        return piece, loose
+        return piece, higher
     places = sight.points[loose, :2]
     if piece.circle is not None:
         away = np.linalg.norm(places - piece.circle.center, axis=1)
         on = np.abs(away - piece.circle.radius) <= settings.tolerance
-        return piece._replace(members=np.sort(np.append(piece.members, loose[on]))), loose[~on]
+        grown = piece._replace(members=np.sort(np.append(piece.members, loose[on])))
+        return grown, np.append(loose[~on], higher)
     face = piece.face
     near = np.flatnonzero(np.abs((places - face.center) @ face.across) <= settings.tolerance)
     place, half = (places[near] - face.center) @ face.along, face.length / 2
@@ -130,7 +133,7 @@ def _grown(sight: Sight, piece: Piece, loose: np.ndarray, settings: PieceSetting
     on = near[(place >= low) & (place <= high)]
     members = np.sort(np.append(piece.members, loose[on]))
     grown = piece._replace(members=members, face=face_through(sight.points[:, :2], members))
-    return grown, np.delete(loose, on)
+    return grown, np.append(np.delete(loose, on), higher)
 
 
 def _run_end(place: np.ndarray, end: float, gap: float) -> float:
@@ -160,6 +163,7 @@ def _trimmed(sight: Sight, piece: Piece, settings: PieceSettings) -> Piece:
     """A face without what is lower at either end of it and looked over: furniture in one line with it."""
     if piece.face is None:
         return piece
+    sight = sight.under(piece.members)
     for way in (-1.0, 1.0):
         place = (sight.points[piece.members, :2] - piece.face.center) @ piece.face.along * way
         z = sight.points[piece.members, 2]
@@ -180,7 +184,7 @@ def _may_be_upright(sight: Sight, piece: Piece, settings: PieceSettings) -> bool
     low, high = float(z.min()), float(z.max())
     if not settings.least_height <= high - low < settings.furniture_height:
         return high - low >= settings.furniture_height
-    start, end = front_of(piece)
+    start, end, sight = *front_of(piece), sight.under(piece.members)
     for bottom, top in ((high, sight.ceiling), (sight.floor, low)):
         if top - bottom > settings.least_gap:
             patch = Patch(start, end, bottom + settings.rim, top - settings.rim)
@@ -221,6 +225,7 @@ def _is_one(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> bool:
     if gap <= settings.link or gap > settings.hidden_gap:
         return bool(gap <= settings.link)
     start, end = (a.face.center + a.face.along * place for place in between)
+    sight = sight.under(a.members)
     if gap <= settings.run_gap:
         return bool(between_of(sight, start, end, settings).free <= settings.free)
     return is_hidden(sight, start, end, settings)

@@ -18,6 +18,14 @@ class Sight(NamedTuple):
     origin: np.ndarray  # (N, 3) float64 [m] the sensor of the scan that the point is of
     floor: float  # [m]
     ceiling: float
+    over: np.ndarray | None = None  # (N,) [m] the ceiling over each point, where it is not one for all
+
+    def under(self, members: np.ndarray) -> "Sight":
+        """The same with the ceiling that is over some points (n,) int: over the highest of them."""
+        if self.over is None:
+            return self
+        z = self.points[members, 2]
+        return self._replace(ceiling=float(self.over[members][z == z.max()].max()))
 
 
 class Patch(NamedTuple):

@@ -41,6 +41,7 @@ class Judged(NamedTuple):
     ceiling: float
     scan: np.ndarray | None = None  # (N,) int which of the S saw each point; where None, the nearest may have
     rays: tuple[Rays, ...] | None = None  # (S,) all of each scan, needs `scan`; where None, those to the points are all
+    over: np.ndarray | None = None  # (N,) [m] the ceiling over each point; where None, `ceiling` is over all
 
 
 class Examined(NamedTuple):
@@ -131,7 +132,7 @@ def _solids(
     for is_wall in (bool(wall > pillar), bool(wall <= pillar)):
         if (wall if is_wall else pillar) < settings.least_type * real:
             continue
-        solid = solid_of(sight, one, is_wall, settings, known)
+        solid = solid_of(sight.under(one.members), one, is_wall, settings, known)
         if solid is None:
             return
         yield solid._replace(probability=probability)
@@ -150,7 +151,8 @@ def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None 
     """
     sight, opinions = _checked(judged)
     probability, z = np.maximum(opinions.pillar, opinions.wall), sight.points[:, 2]
-    inside = (z > sight.floor + settings.surface_margin) & (z < sight.ceiling - settings.surface_margin)
+    ceiling = sight.ceiling if sight.over is None else sight.over
+    inside = (z > sight.floor + settings.surface_margin) & (z < ceiling - settings.surface_margin)
     needed = np.where(opinions.apart > ONTO, min(settings.threshold_apart, settings.threshold), settings.threshold)
     chosen = inside & (probability >= needed) & (opinions.apart >= settings.least_apart)
     loose = inside & ~chosen & (opinions.apart > ONTO)
@@ -176,7 +178,7 @@ def _looks(judged: Judged, sight: Sight) -> list[Look]:
     for number, sensor in enumerate(sensors):
         own = np.asarray(judged.scan) == number if judged.scan is not None else np.ones(len(sight.points), bool)
         if own.any():
-            mine = sight._replace(points=sight.points[own], origin=sight.origin[own])
+            mine = sight._replace(points=sight.points[own], origin=sight.origin[own], over=None)
             rays = judged.rays[number] if judged.rays is not None else _rays_to(mine)
             looks.append(Look(mine, view_of(mine.points, sensor), rays))
     return looks
@@ -187,7 +189,7 @@ def _rays_to(sight: Sight) -> Rays:
 
 
 def _found(sight: Sight, solid: Solid, settings: ObjectSettings) -> Found:
-    low, high = levels_of(sight, solid, settings)
+    low, high = levels_of(sight.under(solid.members), solid, settings)
     turn = float(np.degrees(np.arctan2(solid.along[1], solid.along[0])))
     box = Box(
         solid.object_type,
@@ -221,12 +223,14 @@ def _checked(judged: Judged) -> tuple[Sight, Opinions]:
         scan = np.asarray(judged.scan)
         if scan.shape != (len(points),) or not np.all((scan >= 0) & (scan < len(sensors))):
             raise ValueError(f"scan must be ({len(points)},) of 0 to {len(sensors) - 1}, got {scan.shape}")
+    if judged.over is not None and (np.shape(judged.over) != (len(points),) or not np.isfinite(judged.over).all()):
+        raise ValueError(f"over must be ({len(points)},) and finite, got {np.shape(judged.over)}")
     if judged.rays is not None:
         _check_rays(judged.rays, sensors, judged.scan)
     if not judged.floor < judged.ceiling:
         raise ValueError(f"floor must lie below ceiling, got {judged.floor} and {judged.ceiling}")
     origin = sensors_of(points, sensors, judged.scan)
-    return Sight(points, origin, float(judged.floor), float(judged.ceiling)), opinions
+    return Sight(points, origin, float(judged.floor), float(judged.ceiling), judged.over), opinions
 
 
 def _check_rays(rays: tuple[Rays, ...], sensors: np.ndarray, scan: np.ndarray | None) -> None:

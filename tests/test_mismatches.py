@@ -89,10 +89,10 @@ def test_of_a_roof_a_cloud_tells_nothing():
 
 def raised(looked, by):
     """The same scan of the storey above."""
-    sides = {
-        change: side._replace(view=side.view._replace(points=side.view.points + np.float32([0, 0, by])))
-        for change, side in (("added", looked.added), ("removed", looked.removed))
-    }
+    sides = {}
+    for change, side in (("added", looked.added), ("removed", looked.removed)):
+        view = side.view._replace(points=side.view.points + np.float32([0, 0, by]), ceiling=side.view.ceiling + by)
+        sides[change] = side._replace(view=view)
     rays = looked.rays._replace(position=looked.rays.position + np.array([0, 0, by]))
     return looked._replace(rays=rays, levels=tuple(level + by for level in looked.levels), **sides)
 
