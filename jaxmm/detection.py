@@ -18,6 +18,7 @@ from jaxmm.next_view import Stage, next_views, stand_of
 from jaxmm.placement import Placed, place
 from jaxmm.priors import Prior
 from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord
+from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
 from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
@@ -50,8 +51,11 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         InputError: a scan does not fit; the line names its file.
     """
     timing, start = {}, time.perf_counter()
+    if settings.settle and settings.preset != "thesis":
+        scans = [_settled(one) for one in scans]
+    timing["settling"] = time.perf_counter() - start
     placed = [_placed(prior, one, settings) for one in scans]
-    timing["registration"] = time.perf_counter() - start
+    timing["registration"] = time.perf_counter() - start - sum(timing.values())
     looked, told = [], []
     for one, scan in zip(placed, scans, strict=True):
         try:
@@ -74,6 +78,17 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     registration = {"refined": settings.refine, "residual": max(residuals, default=np.nan), "scans": fits}
     notes = (*prior.notes, *_doubts(elements))
     return Detection(mismatches, elements, records, registration, settings.as_json(), timing, notes, drawing)
+
+
+def _settled(one: NamedScan) -> NamedScan:
+    found = settled(one.scan)
+    if found.scan is one.scan:
+        return one
+    note = (
+        f"its ranges err by {found.sigma * 1000:.2g} mm: each was settled on the plane of what is around it, and "
+        f"{found.stray:.1%} of the points, which share none, were left out"
+    )
+    return one._replace(scan=found.scan, notes=(*one.notes, note))
 
 
 def _doubts(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:

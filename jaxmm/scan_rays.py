@@ -53,16 +53,11 @@ def rays_of_scan(scan: PosedScan, seed: int = 0) -> ScanRays:
     Raises:
         ValueError: no point is farther than 0.05 m from the sensor.
     """
-    points = scan.points
-    if len(points) > MOST_RAYS:
-        chosen = np.random.default_rng(seed).integers(0, len(points), MOST_RAYS)
-        points = points[np.unique(chosen)]
-    offset = points.astype(np.float64) - scan.position
-    reach = np.linalg.norm(offset, axis=1)
-    far = reach > NEAREST
-    if not far.any():
+    offset = drawn(scan.points, scan.position, seed) - scan.position
+    if not len(offset):
         raise ValueError(f"no point is farther than {NEAREST} m from the sensor")
-    direction, reach = (offset[far] / reach[far, None]).astype(np.float32), reach[far].astype(np.float32)
+    reach = np.linalg.norm(offset, axis=1)
+    direction, reach = (offset / reach[:, None]).astype(np.float32), reach.astype(np.float32)
     pattern, spacing = _pattern(scan, direction)
     holes = pattern[_empty(pattern, direction, HOLE * spacing)]
     return ScanRays(
@@ -74,6 +69,14 @@ def rays_of_scan(scan: PosedScan, seed: int = 0) -> ScanRays:
         spacing,
         float(scan.sensor.range_limits[1]) if scan.sensor is not None else np.inf,
     )
+
+
+def drawn(points: np.ndarray, position: np.ndarray, seed: int = 0) -> np.ndarray:
+    """(K <= MOST_RAYS, 3) float64 [m]: of points (N, 3) as many as rays are needed, without the sensor's housing."""
+    if len(points) > MOST_RAYS:
+        points = points[np.unique(np.random.default_rng(seed).integers(0, len(points), MOST_RAYS))]
+    points = points.astype(np.float64)
+    return points[np.linalg.norm(points - position, axis=1) > NEAREST]
 
 
 def measured_points(rays: ScanRays) -> np.ndarray:

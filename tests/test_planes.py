@@ -1,0 +1,136 @@
+"""Ranges on planes: exact on planes, quieter under noise, true to their side of an edge."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from warp_scanner.planes import on_planes
+
+K = 25
+
+
+def grid(wide=0.4, count=60):
+    """(count^2, 3) unit vectors around x, and the K nearest of each."""
+    y, z = (axis.ravel() for axis in np.meshgrid(np.linspace(-wide, wide, count), np.linspace(-wide, wide, count)))
+    direction = np.column_stack([np.ones_like(y), y, z])
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return direction, cKDTree(direction).query(direction, K)[1]
+
+
+def range_to(direction, normal, height):
+    """Where rays from the origin meet normal . x = height."""
+    return height / (direction @ (np.asarray(normal) / np.linalg.norm(normal)))
+
+
+@pytest.mark.parametrize("normal", [(1, 0, 0), (1, 0.8, 0), (0.4, 1, 0.2), (1, -0.5, 2.0)])
+@pytest.mark.parametrize("turn", [0.0, 1.0, 1.5])
+def test_what_is_on_a_plane_stays_there_at_any_slant(normal, turn):
+    """In any direction of the sensor: at the poles the axes are others."""
+    direction, near = grid(0.25)
+    rotation = np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]])
+    reach = range_to(direction, normal, 3.0)
+    there = (reach > 0.5) & (reach < 30.0)
+    there &= there[near].all(axis=1)
+    chosen = np.flatnonzero(there)
+    reach = np.where((reach > 0.0) & (reach < 1e3), reach, 1e3)
+    found = on_planes(direction @ rotation.T, reach, np.full(len(reach), 0.02), near[chosen], chosen)
+    assert len(chosen) > 200
+    np.testing.assert_allclose(found.distance, reach[chosen], rtol=2e-6)
+    assert np.all(found.support == K)
+
+
+def test_noise_shrinks_as_a_fit_of_three_unknowns_says():
+    """Of K ranges with one variance, the fit at their middle has a K-th of it."""
+    direction, near = grid()
+    reach = range_to(direction, (1, 0.3, 0.1), 4.0)
+    inside = np.flatnonzero(np.abs(direction[:, 1:]).max(axis=1) < 0.3)
+    noisy = reach + 0.05 * np.random.default_rng(0).standard_normal(len(reach))
+    found = on_planes(direction, noisy, np.full(len(reach), 10.0), near[inside], inside)
+    error = found.distance - reach[inside]
+    assert np.std(error) == pytest.approx(0.05 / np.sqrt(K), rel=0.1)
+    assert abs(np.mean(error)) < 0.002
+    assert np.all(found.support == K)
+
+
+def test_a_fit_agrees_with_least_squares():
+    direction, near = grid(count=20)
+    rng = np.random.default_rng(1)
+    reach = 3.0 + 0.1 * rng.standard_normal(len(direction))
+    found = on_planes(direction, reach, np.full(len(reach), 10.0), near)
+    for ray in range(0, len(reach), 7):
+        own = direction[ray]
+        axes = np.linalg.svd(own[None])[2]
+        offset = direction[near[ray]] @ axes[1:].T / (direction[near[ray]] @ own)[:, None]
+        inverse = 1.0 / (reach[near[ray]] * (direction[near[ray]] @ own))
+        fit = np.linalg.lstsq(np.column_stack([np.ones(K), offset]), inverse, rcond=None)[0]
+        assert found.distance[ray] == pytest.approx(1.0 / fit[0], rel=1e-4)
+
+
+def test_each_side_of_an_edge_keeps_its_range_and_what_hangs_between_has_no_support():
+    direction, near = grid()
+    reach = np.where(direction[:, 1] > 0.0, range_to(direction, (1, 0, 0), 2.0), range_to(direction, (1, 0, 0), 5.0))
+    rng = np.random.default_rng(2)
+    hanging = (np.abs(direction[:, 1]) < 0.012) & (rng.random(len(reach)) < 0.5)
+    mixed = np.where(hanging, rng.uniform(2.3, 4.7, len(reach)), reach)
+    found = on_planes(direction, mixed, np.full(len(reach), 0.02), near)
+    np.testing.assert_allclose(found.distance[~hanging], reach[~hanging], rtol=1e-3)
+    assert found.support[~hanging].min() >= 6
+    assert hanging.sum() > 20 and np.mean(found.support[hanging] < 6) > 0.9
+
+
+def test_a_thing_of_a_few_rays_is_kept():
+    """A post four rays wide before a wall."""
+    direction, near = grid()
+    post = np.abs(direction[:, 1]) < 1.6 * 0.8 / 59
+    reach = np.where(post, range_to(direction, (1, 0, 0), 2.0), range_to(direction, (1, 0, 0), 5.0))
+    found = on_planes(direction, reach, np.full(len(reach), 0.02), near)
+    assert post.sum() == 4 * 60
+    np.testing.assert_allclose(found.distance, reach, rtol=1e-3)
+    assert found.support[post].min() >= 6
+
+
+def test_rays_in_one_line_have_a_range_too():
+    """As of a sensor of one ring, which tells of the slant one way only."""
+    turn = np.linspace(-0.3, 0.3, 101)
+    direction = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(101)])
+    near = cKDTree(direction).query(direction, 9)[1]
+    reach = range_to(direction, (1, 0.5, 0), 3.0)
+    found = on_planes(direction, reach, np.full(101, 0.02), near)
+    np.testing.assert_allclose(found.distance, reach, rtol=1e-4)
+
+
+def test_the_answer_depends_neither_on_threads_nor_on_the_other_rays():
+    direction, near = grid(count=40)
+    reach = 3.0 + 0.2 * np.random.default_rng(3).random(len(direction))
+    margin = np.full(len(reach), 0.1)
+    all_of_them = on_planes(direction, reach, margin, near, threads=1)
+    some = np.random.default_rng(4).permutation(len(reach))[:500]
+    few = on_planes(direction, reach, margin, near[some], some, threads=3)
+    np.testing.assert_array_equal(few.distance, all_of_them.distance[some])
+    np.testing.assert_array_equal(few.support, all_of_them.support[some])
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"distance": np.ones(3)}, "direction must be"),
+        ({"margin": np.ones(3)}, "margin"),
+        ({"neighbour": np.zeros((3, 2), int)}, r"neighbour must be \(4, K\)"),
+        ({"neighbour": np.full((4, 2), 4)}, "neighbour must be within 0 to 3, got 4 to 4"),
+        ({"chosen": np.array([0, 1, 2, -1])}, "chosen must be within 0 to 3, got -1 to 2"),
+        ({"distance": np.array([1.0, 1.0, 1.0, np.inf])}, "distance must be finite and positive"),
+        ({"distance": np.array([1.0, 1.0, 1.0, 0.0])}, "distance must be finite and positive"),
+    ],
+)
+def test_bad_input_is_named(change, message):
+    good = {
+        "direction": np.tile([1.0, 0.0, 0.0], (4, 1)), "distance": np.ones(4), "margin": np.ones(4),
+        "neighbour": np.zeros((4, 2), int),
+    }  # fmt: skip
+    with pytest.raises(ValueError, match=message):
+        on_planes(**(good | change))
+
+
+def test_no_rays_settle_nowhere():
+    found = on_planes(np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, K), int))
+    assert found.distance.shape == found.support.shape == (0,)
