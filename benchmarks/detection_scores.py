@@ -140,3 +140,8 @@ def _off(found: Box, true: Box) -> tuple[float, float]:
     offset = (np.asarray(found.center) - true.center)[:2]
     turn = np.radians(true.rotation) + (np.pi / 2 if true.dimensions[0] >= true.dimensions[1] else 0.0)
     return float(np.linalg.norm(offset)), abs(float(offset @ [np.cos(turn), np.sin(turn)]))
+
+
+def share_of(part: int, whole: int) -> str:
+    """A share with its counts, as tables have it; "-" of nothing."""
+    return f"{part / whole:.3f} ({part}/{whole})" if whole else "-"

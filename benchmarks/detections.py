@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.detection_scores import COUNTS, LEAST_SHOWN, objects_of
+from benchmarks.detection_scores import COUNTS, LEAST_SHOWN, objects_of, share_of
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, UNCHANGED
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import PRESETS as HOW
@@ -123,8 +123,8 @@ def table(out: Path) -> str:
 def _scores(total: dict[str, int]) -> list[str]:
     """Precision of everything found, precision without what hardly shows, and recall."""
     return [
-        _share(total["right"], total["found"]), _share(total["reached"], total["found"] - total["hidden"]),
-        _share(total["reached"], total["wanted"]),
+        share_of(total["right"], total["found"]), share_of(total["reached"], total["found"] - total["hidden"]),
+        share_of(total["reached"], total["wanted"]),
     ]  # fmt: skip
 
 
@@ -138,12 +138,8 @@ def _by_top(out: Path) -> list[str]:
     lines = ["| added objects | found |", "| --- | --- |"]
     for name, low in ((f"seen above {FURNITURE} m", False), ("seen only below", True)):
         mine = [one["found"] for one in added if (one["top"] < FURNITURE) == low]
-        lines.append(f"| {name} | {_share(sum(mine), len(mine))} |")
+        lines.append(f"| {name} | {share_of(sum(mine), len(mine))} |")
     return lines
-
-
-def _share(part: int, whole: int) -> str:
-    return f"{part / whole:.3f} ({part}/{whole})" if whole else "-"
 
 
 def _offsets(off: dict[str, list]) -> list[str]:

@@ -1,0 +1,122 @@
+"""What `detect` finds with sensors that err, when their ranges settle first and when they are taken as they are.
+
+    python -m benchmarks.sensors --out runs/sensors [--rooms 40] [--only tls ...] [--seed 3]
+
+Every preset of a sensor, ideal and as built (noise, dropouts, mixed pixels at edges), in furnished rooms in which a
+wall or a pillar was added, or removed, and in unchanged ones. For each sensor a JSON file with the counts of every
+room; what is there is not made again. Prints Markdown: precision and recall of objects as `benchmarks.detections` has
+them, and verdicts on walls and columns that could be told.
+"""
+
+import argparse
+import itertools
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from benchmarks.detection_scores import LEAST_SHOWN, objects_of, share_of
+from benchmarks.detections import TEST_SEED, elements_of
+from jaxmm.config import SCENARIOS, UNCHANGED
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.files import load_json, write_json
+from jaxmm.judging import Judges
+from jaxmm.room_scans import RoomCase, room_cases
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.weights import DEFAULT
+
+SENSORS = ("oak-d-pro-small", "ouster-64", "velodyne-16", "tls")
+HOW = {"settled": True, "as they are": False}
+AT_ONCE = 10  # rooms: a scan of a terrestrial scanner has 1.6 million points
+
+
+def main(out: Path, rooms: int, only: list[str], seed: int) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    tasks = list(itertools.product(only or SENSORS, ("", "-real"), (*SCENARIOS, UNCHANGED), [rooms], [seed], [out]))
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        for line in pool.map(_part, tasks):
+            print(line, flush=True)
+    print(table(out))
+
+
+def _part(task: tuple[str, str, str, int, int, Path]) -> str:
+    sensor, built, scene, rooms, seed, out = task
+    path = out / f"{sensor}{built}_{scene}.json"
+    if not path.exists():
+        judges, found = read_judges(DEFAULT), []
+        for start in range(0, rooms, AT_ONCE):
+            numbers = range(start, min(start + AT_ONCE, rooms))
+            cases = room_cases(scene, "occluded", seed, numbers, sensor=sensor + built)
+            found += [_room(judges, case) for case in cases]
+        write_json(path, found)
+    return f"{sensor}{built} {scene}"
+
+
+def _room(judges: Judges, case: RoomCase) -> dict[str, Any]:
+    told = {}
+    for name, settle in HOW.items():
+        settings = DetectSettings(settle=settle, refine=False, propose_views=False)
+        found = detect_scans(
+            case.prior, [NamedScan(case.scan, "scan", len(case.scan.points), "given")], judges, settings
+        )
+        elements = [list(one) for one, _ in elements_of(found, case)]
+        told[name] = objects_of(found.mismatches, case) | {"elements": elements}
+    return told
+
+
+def table(out: Path) -> str:
+    """All that was found, as Markdown."""
+    lines = [
+        "| sensor | ranges | added: precision | recall | removed: precision | recall | unchanged rooms without a mismatch "
+        "| testable elements called occluded or unscanned | removed called present, or present removed |",
+        "| --- |" + " --- |" * 8,
+    ]
+    for sensor, built, how in itertools.product(SENSORS, ("", "-real"), HOW):
+        scenes = {path.stem.split("_", 1)[1]: load_json(path) for path in sorted(out.glob(f"{sensor}{built}_*.json"))}
+        if not scenes or (how == "as they are" and not built):  # exact ranges are left as they are
+            continue
+        rooms = {scene: [room[how] for room in told] for scene, told in scenes.items()}
+        cells = [cell for change in ("added", "removed") for cell in _scores(rooms, change)]
+        still = [not room["boxes"] for room in rooms.get(UNCHANGED, [])]
+        elements = [one for told in rooms.values() for room in told for one in room["elements"]]
+        name = f"{sensor}, {'as built' if built else 'ideal'}"
+        lines.append(
+            f"| {name} | {how if built else 'exact'} | {' | '.join([*cells, _share(still), *_verdicts(elements)])} |"
+        )
+    return "\n".join(lines)
+
+
+def _scores(rooms: dict[str, list[dict[str, Any]]], change: str) -> list[str]:
+    """Precision and recall of one change, over all rooms."""
+    boxes, objects = (
+        [one for told in rooms.values() for room in told for one in room[kind] if one["change"] == change]
+        for kind in ("boxes", "objects")
+    )
+    return [
+        _share([one["right"] for one in boxes]),
+        _share([one["found"] for one in objects if one["shown"] >= LEAST_SHOWN]),
+    ]
+
+
+def _verdicts(elements: list[list[Any]]) -> list[str]:
+    """Of elements that could be told: how many were left open, and how many told wrong."""
+    told = [one for one in elements if one[0] in (PRESENT, REMOVED)]
+    left = [one[1] in (OCCLUDED, UNSCANNED) for one in told]
+    wrong = [one[1] in (PRESENT, REMOVED) and one[1] != one[0] for one in told]
+    return [_share(left), _share(wrong)]
+
+
+def _share(those: list[bool]) -> str:
+    return share_of(sum(those), len(those))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--rooms", type=int, default=40, metavar="N", help="of each scene")
+    parser.add_argument("--only", nargs="+", choices=SENSORS, default=[], metavar="SENSOR")
+    parser.add_argument("--seed", type=int, default=TEST_SEED, metavar="N")
+    asked = parser.parse_args()
+    main(asked.out, asked.rooms, asked.only, asked.seed)
