@@ -1,6 +1,6 @@
 """What `detect` finds with sensors that err, when their ranges settle first and when they are taken as they are.
 
-    python -m benchmarks.sensors --out runs/sensors [--rooms 40] [--only tls ...] [--seed 3]
+    python -m benchmarks.sensors --out runs/sensors [--rooms 25] [--only tls ...] [--seed 3]
 
 Every preset of a sensor, ideal and as built (noise, dropouts, mixed pixels at edges), in furnished rooms in which a
 wall or a pillar was added, or removed, and in unchanged ones. For each sensor a JSON file with the counts of every
@@ -69,7 +69,7 @@ def _room(judges: Judges, case: RoomCase) -> dict[str, Any]:
 def table(out: Path) -> str:
     """All that was found, as Markdown."""
     lines = [
-        "| sensor | ranges | added: precision | recall | removed: precision | recall | unchanged rooms without a mismatch "
+        "| sensor | ranges | added: precision | recall | removed: precision | recall | unchanged rooms without one "
         "| testable elements called occluded or unscanned | removed called present, or present removed |",
         "| --- |" + " --- |" * 8,
     ]
@@ -115,7 +115,7 @@ def _share(those: list[bool]) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--rooms", type=int, default=40, metavar="N", help="of each scene")
+    parser.add_argument("--rooms", type=int, default=25, metavar="N", help="of each scene")
     parser.add_argument("--only", nargs="+", choices=SENSORS, default=[], metavar="SENSOR")
     parser.add_argument("--seed", type=int, default=TEST_SEED, metavar="N")
     asked = parser.parse_args()
