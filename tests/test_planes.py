@@ -23,11 +23,12 @@ def range_to(direction, normal, height):
 
 
 @pytest.mark.parametrize("normal", [(1, 0, 0), (1, 0.8, 0), (0.4, 1, 0.2), (1, -0.5, 2.0)])
-@pytest.mark.parametrize("turn", [0.0, 1.0, 1.5])
+@pytest.mark.parametrize("turn", [0.0, 1.0, np.pi / 2])
 def test_what_is_on_a_plane_stays_there_at_any_slant(normal, turn):
     """In any direction of the sensor: at the poles the axes are others."""
-    direction, near = grid(0.25)
+    direction, near = grid(0.25, 61)
     rotation = np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]])
+    rotation = np.round(rotation, 9)  # one ray looks straight up
     reach = range_to(direction, normal, 3.0)
     there = (reach > 0.5) & (reach < 30.0)
     there &= there[near].all(axis=1)
@@ -37,6 +38,25 @@ def test_what_is_on_a_plane_stays_there_at_any_slant(normal, turn):
     assert len(chosen) > 200
     np.testing.assert_allclose(found.distance, reach[chosen], rtol=2e-6)
     assert np.all(found.support == K)
+
+
+def test_neighbours_may_be_far_apart():
+    """As those of a sensor with few rings: 25 rays about 6 degrees apart."""
+    direction, near = grid(0.8, 17)
+    reach = range_to(direction, (1, 0.4, 0.2), 3.0)
+    found = on_planes(direction, reach, np.full(len(reach), 0.002), near)
+    np.testing.assert_allclose(found.distance, reach, rtol=2e-5)
+    assert np.all(found.support >= 20)
+
+
+def test_a_ray_beside_a_plane_is_none_of_its_rays():
+    direction, near = grid(count=21)
+    reach = range_to(direction, (1, 0.3, 0.1), 4.0)
+    middle = len(reach) // 2
+    reach[middle] += 0.05
+    found = on_planes(direction, reach, np.full(len(reach), 0.02), near)
+    assert found.support[middle] == 0
+    assert np.all(np.delete(found.support, middle) >= K - 1)
 
 
 def test_noise_shrinks_as_a_fit_of_three_unknowns_says():
