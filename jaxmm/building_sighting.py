@@ -30,7 +30,8 @@ AROUND = np.linspace(-1.0, 1.0, 5)  # [m] about the sensor, where floor and ceil
 STANDING = (0.3, 2.5)  # [m] least and most height of a sensor above its floor
 LEAST_ROOM = 0.5  # [m] from floor to ceiling
 SAME_CEILING = 0.05  # [m] by which heights of one ceiling may differ
-BESIDE = 0.3 * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])  # [m] a column carries an edge
+EDGE = 0.3  # [m] from a point under the edge of a ceiling to that ceiling: a column carries it
+UP, ASIDE = np.array([0.0, 0.0, 1.0]), np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], np.float64)
 BELOW = 0.1  # [m] under a point on a ceiling, from where one sees that ceiling
 FARTHEST = 2.0  # [m] beyond which the distance to the prior's surface is not looked for
 
@@ -151,13 +152,20 @@ def ceilings_over(scene: TriangleScene, points: np.ndarray, frame: Frame) -> np.
     That of the frame where the building has none there. What is above the sensor's height is what a room ends at; a
     point that is higher lies, at most, on the lower side of it.
     """
-    level = np.isin(scene.triangles.semantic, (FLOOR, CEILING))
-    found = np.full(len(points), np.inf)
-    for beside in BESIDE:
-        start = points + beside
-        start[:, 2] = np.maximum(frame.sensor[2], points[:, 2] - BELOW)
-        up = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (len(points), 1))
-        found = np.minimum(found, start[:, 2] + cast_triangles(scene, Rays(start[None], up), level).distance[0])
+    level, wall = np.isin(scene.triangles.semantic, (FLOOR, CEILING)), scene.triangles.semantic == WALL
+    start = np.array(points, np.float64)
+    start[:, 2] = np.maximum(frame.sensor[2], start[:, 2] - BELOW)
+
+    def free(origin: np.ndarray, way: np.ndarray, present: np.ndarray) -> np.ndarray:
+        along = np.tile(way.astype(np.float32), (len(origin), 1))
+        return cast_triangles(scene, Rays(origin[None], along), present).distance[0]
+
+    found = start[:, 2] + free(start, UP, level)
+    for way in ASIDE:
+        beside = start[:, 2] + free(start + EDGE * way, UP, level)
+        lower = np.flatnonzero(beside < found - SAME_CEILING)
+        lower = lower[free(start[lower], way, wall) > EDGE]  # else it is in the next room
+        found[lower] = beside[lower]
     other = np.isfinite(found) & (np.abs(found - frame.ceiling) > SAME_CEILING) & (found - frame.floor > LEAST_ROOM)
     return np.where(other, found, frame.ceiling)
 

@@ -85,8 +85,8 @@ def _settled(one: NamedScan) -> NamedScan:
     if found.scan is one.scan:
         return one
     note = (
-        f"its ranges err by {found.sigma * 1000:.2g} mm: each was settled on the plane of what is around it, and "
-        f"{found.stray:.1%} of the points, which share none, were left out"
+        f"its ranges err by {found.sigma * 1000:.{1 if found.sigma < 0.01 else 0}f} mm: settled on the planes around "
+        f"them; {found.stray:.1%} of the points, on none, were left out"
     )
     return one._replace(scan=found.scan, notes=(*one.notes, note))
 

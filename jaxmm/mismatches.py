@@ -34,7 +34,7 @@ LEAST_NEW = 0.5  # share of an added object's points that must be farther
 LEAST_MET = 8  # rays that tell of an object, below which it is a guess
 MOST_DENIED = 0.03  # share of the rays that tell anything, which may look through an object's core
 STOREY = 1.5  # [m] between floors of two storeys, at least
-LEAST_LOWER = 0.05  # [m] by which a roof is lower than the ceiling above the sensor
+LEAST_LOWER = 0.05  # [m] by which a roof is lower than the ceiling that a thing is made up to
 SAME_SIZE = (0.1, 0.15)  # [m], share: sides of an object that moved differ by no more than the greater of both
 
 
@@ -146,7 +146,7 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
 def _below_roof(prior: Prior, box: Box, seen: float) -> Box:
     """A new box, no higher than what the building has above its footprint, and no lower than it was seen [m].
 
-    The ceiling that things are made up to is the one above the sensor; a roof slopes, and the next room may be lower.
+    The ceiling that things are made up to is the one above their highest points; a roof slopes.
     """
     if prior.scene is None:
         return box

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+HIGHEST = 0.9  # quantile of heights, from which points tell of the ceiling above them
 LEAST_RAYS = 3  # toward a patch, before it can be called free
 
 
@@ -21,11 +22,11 @@ class Sight(NamedTuple):
     over: np.ndarray | None = None  # (N,) [m] the ceiling over each point, where it is not one for all
 
     def under(self, members: np.ndarray) -> "Sight":
-        """The same with the ceiling that is over some points (n,) int: over the highest of them."""
+        """The same with the ceiling that is over some points (n,) int: over the highest tenth of them."""
         if self.over is None:
             return self
         z = self.points[members, 2]
-        return self._replace(ceiling=float(self.over[members][z == z.max()].max()))
+        return self._replace(ceiling=float(np.median(self.over[members][z >= np.quantile(z, HIGHEST)])))
 
 
 class Patch(NamedTuple):

@@ -230,7 +230,8 @@ def _checked(judged: Judged) -> tuple[Sight, Opinions]:
     if not judged.floor < judged.ceiling:
         raise ValueError(f"floor must lie below ceiling, got {judged.floor} and {judged.ceiling}")
     origin = sensors_of(points, sensors, judged.scan)
-    return Sight(points, origin, float(judged.floor), float(judged.ceiling), judged.over), opinions
+    over = None if judged.over is None else np.asarray(judged.over, np.float64)
+    return Sight(points, origin, float(judged.floor), float(judged.ceiling), over), opinions
 
 
 def _check_rays(rays: tuple[Rays, ...], sensors: np.ndarray, scan: np.ndarray | None) -> None:

@@ -17,6 +17,8 @@ NEIGHBOURS = 25  # itself included
 OF_NOISE = 13  # and where noise is measured
 LEAST_SUPPORT = 6  # rays on one plane, itself included; three are always on one
 LEAST_MARGIN = 0.01  # [m] surfaces are no planes
+LEAST_GAIN = 0.005  # [m] a range that errs by less is better than that of the plane: a shaft is round
+MOST_STRAY = 0.2  # share of the points; of a scan with more, planes tell nothing
 SAMPLED = 6000  # rays that tell of the noise
 AROUND = 0.5  # [m] within which ranges may err
 EXACT = 1e-4  # [m] ranges that err by less are left as they are: nobody measured them
@@ -28,13 +30,14 @@ class Settled(NamedTuple):
 
     scan: PosedScan
     sigma: float  # [m] standard deviation of its ranges, at the middle one of them
-    stray: float  # share of its points that were left out
+    stray: float  # share of its points that hang between surfaces
 
 
 def settled(scan: PosedScan) -> Settled:
     """The scan with every range on the plane that it shares with its neighbours, and without those that share none.
 
-    A scan whose ranges do not err, as a simulated one, is given back as it is.
+    A scan whose ranges do not err, as a simulated one, is given back as it is; so is one of which too much would be
+    left out, as of leaves.
 
     Args:
         scan: from where, and what; of a large one as many points as `scan_rays` draws.
@@ -54,15 +57,20 @@ def settled(scan: PosedScan) -> Settled:
     near = tree.query(direction, NEIGHBOURS, workers=-1)[1]
     found = on_planes(direction, reach, margin, near)
     kept = found.support >= LEAST_SUPPORT
-    places = scan.position + direction[kept] * found.distance[kept, None].astype(np.float64)
-    return Settled(scan._replace(points=places.astype(np.float32)), sigma, float(1.0 - kept.mean()))
+    stray = float(1.0 - kept.mean())
+    if stray > MOST_STRAY:
+        return Settled(scan, sigma, stray)
+    distance = np.where(sigma_at(noise, reach) > LEAST_GAIN, found.distance, reach)
+    places = scan.position + direction[kept] * distance[kept, None]
+    return Settled(scan._replace(points=places.astype(np.float32)), sigma, stray)
 
 
 def _noise(tree: cKDTree, direction: np.ndarray, reach: np.ndarray) -> Noise:
     """How the ranges err about the planes around them."""
     chosen = np.random.default_rng(0).choice(len(reach), min(len(reach), SAMPLED), replace=False)
     near = tree.query(direction[chosen], OF_NOISE, workers=-1)[1]
-    settles = on_planes(direction, reach, np.full(len(reach), AROUND), near, chosen).distance
-    noise = noise_of(reach[chosen] - settles, np.ones(len(chosen)), reach[chosen])
-    own = np.sqrt(1.0 - 1.0 / OF_NOISE)  # the plane gives way to the ray itself
-    return Noise(noise.constant / own, noise.growth / own)
+    found = on_planes(direction, reach, np.full(len(reach), AROUND), near, chosen)
+    told = found.support >= LEAST_SUPPORT
+    # The plane gives way to the ray itself: in their middle, by its share of them.
+    off = (reach[chosen] - found.distance)[told] / np.sqrt(1.0 - 1.0 / found.support[told])
+    return noise_of(off, np.ones(len(off)), reach[chosen][told])

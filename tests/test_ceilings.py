@@ -11,6 +11,7 @@ from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.evidence import FEATURES, Frame, View, features_of
 from jaxmm.object_clues import CLUES
+from jaxmm.object_sight import Sight
 from jaxmm.objects import ObjectSettings, examine, find_objects
 from jaxmm.priors import prior_of_building
 from jaxmm.scan_rays import PosedScan
@@ -53,6 +54,28 @@ def test_the_ceiling_above_a_gallery_that_one_looks_down_on():
     scene = prepare(building_of(HALL).triangles)
     above = OPEN._replace(sensor=np.array([3.0, -1.0, 5.0]))
     assert ceilings_over(scene, np.array([[-2, 2, 3.2], [2, 2, 0.0]]), above) == pytest.approx([6.0, 8.0], abs=1e-4)
+
+
+@pytest.mark.parametrize("x, ceiling", [(0.1, 3.0), (0.25, 3.0), (-0.15, 2.4), (-1.0, 2.4)])
+@pytest.mark.parametrize("z", [0.5, 2.2])
+def test_behind_a_wall_is_another_room(x, ceiling, z):
+    """Two rooms with a partition of 0.1 m between them; the ceiling of one is lower."""
+    rooms = (
+        ((0, 0, -0.1), (6, 5, 0.1), FLOOR), ((3, 0, 3.1), (3, 5, 0.1), CEILING), ((-3, 0, 2.5), (3, 5, 0.1), CEILING),
+        ((0, 0, 1.5), (0.05, 5, 1.5), WALL),
+    )  # fmt: skip
+    scene = prepare(building_of(rooms).triangles)
+    frame = OPEN._replace(ceiling=3.0)
+    assert ceilings_over(scene, np.array([[x, 2.0, z]]), frame) == pytest.approx([ceiling], abs=1e-4)
+
+
+def test_one_point_alone_tells_nothing_of_the_ceiling():
+    """What errs may lie above its ceiling, and see the next one."""
+    z = np.linspace(0.1, 2.9, 29)
+    sight = Sight(np.column_stack([np.ones(29), np.zeros(29), z]), np.zeros((29, 3)), 0.0, 8.0, np.full(29, 3.0))
+    over = sight.over.copy()
+    over[-1] = 3.2
+    assert sight._replace(over=over).under(np.arange(29)).ceiling == 3.0
 
 
 def test_what_hardly_differs_is_the_ceiling_above_the_sensor():

@@ -50,13 +50,40 @@ def test_neighbours_may_be_far_apart():
 
 
 def test_a_ray_beside_a_plane_is_none_of_its_rays():
-    direction, near = grid(count=21)
+    direction, near = grid(0.1, 21)
     reach = range_to(direction, (1, 0.3, 0.1), 4.0)
     middle = len(reach) // 2
-    reach[middle] += 0.05
+    reach[middle] += 0.3
     found = on_planes(direction, reach, np.full(len(reach), 0.02), near)
     assert found.support[middle] == 0
     assert np.all(np.delete(found.support, middle) >= K - 1)
+
+
+@pytest.mark.parametrize("sigma", [0.002, 0.01, 0.03])
+@pytest.mark.parametrize("gap, width, round_", [(0.3, 0.3, False), (0.5, 0.4, True), (0.5, 0.15, True)])
+def test_a_column_before_a_wall_is_kept_by_a_sensor_with_few_rings(sigma, gap, width, round_):
+    """16 rings 2 degrees apart, the wall 8 m away: most of the rays next to a column's are the wall's."""
+    turn, rise = np.meshgrid(np.radians(np.arange(-15, 15, 0.2)), np.radians(np.arange(-15, 16, 2)))
+    turn, rise = turn.ravel(), rise.ravel()
+    direction = np.column_stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
+    front, level = 8.0 - gap - width, np.cos(rise)
+    if round_:
+        middle = front + width / 2
+        rest = (width / 2) ** 2 - (middle * np.sin(turn)) ** 2
+        near = middle * np.cos(turn) - np.sqrt(np.maximum(rest, 0.0))
+        on = rest > 0.0
+    else:
+        near = front / np.cos(turn)
+        on = np.abs(near * np.sin(turn)) < width / 2
+    reach = np.where(on, near, 8.0 / np.cos(turn)) / level
+    reach = reach + sigma * np.random.default_rng(0).standard_normal(len(reach))
+    found = on_planes(
+        direction, reach, np.full(len(reach), 0.01 + 3 * sigma), cKDTree(direction).query(direction, K)[1]
+    )
+    assert on.sum() >= 16 * 5
+    assert np.mean(found.support[on] >= 6) > 0.97 and np.mean(found.support >= 6) > 0.99
+    # A shaft bends away from the plane by what the margin allows.
+    assert np.sqrt(np.mean((found.distance - reach)[on] ** 2)) < (0.012 if round_ else 0.0) + 1.2 * sigma
 
 
 def test_noise_shrinks_as_a_fit_of_three_unknowns_says():

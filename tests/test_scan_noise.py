@@ -1,6 +1,7 @@
 """Scans of sensors that err settle: on a room whose ranges are known, and on the objects found in generated rooms."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -83,7 +84,31 @@ def test_what_hangs_between_two_surfaces_is_left_out(room):
     assert found.stray < which.mean() + 0.02  # what is at a crease has little to stand on
 
 
-def test_the_answer_does_not_depend_on_the_order_of_the_points(room):
+def test_what_is_no_room_is_given_back_as_it_is(room):
+    """Leaves before the walls, or all over: planes tell nothing of what errs."""
+    direction, reach = room
+    rng = np.random.default_rng(0)
+    noisy = reach + 0.02 * rng.standard_normal(len(reach))
+    leaves = scan_of(
+        direction, np.where(rng.random(len(reach)) < 0.4, rng.uniform(0.3, 1.0, len(reach)) * reach, noisy)
+    )
+    found = settled(leaves)
+    assert found.scan is leaves and found.stray > 0.2
+    anywhere = PosedScan(rng.uniform(-9, 9, (4000, 3)).astype(np.float32), np.zeros(3), np.eye(3))
+    assert settled(anywhere).scan is anywhere
+
+
+def test_good_ranges_stay_as_measured(room):
+    """Only what hangs between surfaces goes: a plane is no better than a range that errs by 2 mm."""
+    direction, reach = room
+    noisy = reach + 0.002 * np.random.default_rng(0).standard_normal(len(reach))
+    scan = scan_of(direction, noisy)
+    found = settled(scan)
+    assert found.sigma == pytest.approx(0.002, rel=0.15)
+    np.testing.assert_allclose(cKDTree(scan.points).query(found.scan.points)[0], 0.0, atol=1e-6)
+
+
+def test_in_another_order_of_the_points_it_is_the_same_within_the_errors(room):
     direction, reach = room
     noisy = reach + 0.02 * np.random.default_rng(0).standard_normal(len(reach))
     order = np.random.default_rng(5).permutation(len(reach))
@@ -119,7 +144,8 @@ def test_more_objects_are_found_by_a_sensor_that_errs():
             seen = detect_scans(case.prior, [scan], judges, settings)
             boxes = [box_of(one) for one in seen.mismatches if one.mismatch_type == "added"]
             found, right = found + len(boxes), right + len(match_boxes(boxes, true_boxes(case.pairs, case.row, 1)[0]))
-            assert [note.startswith("its ranges err by") for note in seen.scans[0].notes] == [True] * settle
+            told_so = r"its ranges err by \d+(\.\d)? mm: settled on .*; \d+\.\d% of the points"
+            assert [re.match(told_so, note) is not None for note in seen.scans[0].notes] == [True] * settle
             assert not seen.scans[0].doubted
         told[settle] = (right, found)
     assert told[True][0] >= told[False][0] + 3, told

@@ -35,7 +35,7 @@ def on_planes(
     Args:
         direction: (P, 3) unit vectors.
         distance: (P,) [m], finite and positive.
-        margin: (P,) [m] within which a range is that of the plane.
+        margin: (P,) [m] within which each range is that of a plane.
         neighbour: (S, K) int of P: rays close to each chosen one, itself among them.
         chosen: (S,) int of P; None: all.
         threads: how many to use; by default as many as the machine has cores.
