@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from jaxmm.box_match import match_boxes
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.detection import NamedScan, _settled, detect_scans
 from jaxmm.report import box_of
 from jaxmm.room_scans import room_cases, true_boxes
 from jaxmm.scan_noise import EXACT, LEAST_POINTS, settled
@@ -96,6 +96,25 @@ def test_what_is_no_room_is_given_back_as_it_is(room):
     assert found.scan is leaves and found.stray > 0.2
     anywhere = PosedScan(rng.uniform(-9, 9, (4000, 3)).astype(np.float32), np.zeros(3), np.eye(3))
     assert settled(anywhere).scan is anywhere
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5])
+def test_leaves_do_not_hide_how_ranges_err(room, share):
+    """A plane through three rays leaves no error: what so few lie on tells nothing."""
+    direction, reach = room
+    rng = np.random.default_rng(0)
+    noisy = reach + 0.02 * rng.standard_normal(len(reach))
+    leaves = np.where(rng.random(len(reach)) < share, rng.uniform(0.1, 0.7, len(reach)) * reach, noisy)
+    assert settled(scan_of(direction, leaves)).sigma == pytest.approx(0.02, rel=0.4)
+
+
+@pytest.mark.parametrize("sigma, words", [(0.0012, r"1\.[12] mm"), (0.15, r"1[45]\d mm")])
+def test_how_much_they_err_is_told_in_millimetres(room, sigma, words):
+    direction, reach = room
+    scan = scan_of(direction, reach + sigma * np.random.default_rng(0).standard_normal(len(reach)))
+    (note,) = _settled(NamedScan(scan, "scan", len(reach), "given")).notes
+    assert re.match(f"its ranges err by {words}: settled on", note), note
 
 
 def test_good_ranges_stay_as_measured(room):
