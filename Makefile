@@ -19,7 +19,7 @@ report: setup
 	$(BIN)/python -m paper.figures runs/paper --out runs/paper/figures
 
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 setup: .venv/current
 

@@ -54,6 +54,10 @@ class View(NamedTuple):
     candidate: np.ndarray  # (N,) bool: what could be a mismatch by its own evidence
     ceiling: np.ndarray | None = None  # (N,) [m] world, of what the prior has above each; None: the frame's, of all
 
+    def at(self, chosen: np.ndarray) -> "View":
+        """The view of some of its points, (n,) int or (N,) bool."""
+        return View(*(None if field is None else field[chosen] for field in self))
+
 
 class Noise(NamedTuple):
     """How ranges err: the standard deviation at range r is `constant` + `growth` r^2."""

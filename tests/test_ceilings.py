@@ -97,6 +97,8 @@ def test_features_under_a_lower_ceiling_are_those_of_a_lower_room():
     hall, low = features_of(column, OPEN), features_of(column, OPEN._replace(ceiling=3.0))
     np.testing.assert_array_equal(features_of(column._replace(ceiling=np.full(29, 3.0)), OPEN), low)
     np.testing.assert_array_equal(features_of(column._replace(ceiling=np.full(29, 8.0)), OPEN), hall)
+    some = column._replace(ceiling=np.full(29, 3.0)).at(np.arange(9))
+    assert len(some.points) == len(some.ceiling) == 9 and column.at(np.arange(9)).ceiling is None
     gap = FEATURES.index("pool ceiling gap")
     assert hall[0, gap] == pytest.approx(5.1 / 8) and low[0, gap] == pytest.approx(0.1 / 3, rel=1e-5)
 

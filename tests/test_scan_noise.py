@@ -158,7 +158,7 @@ def test_more_objects_are_found_by_a_sensor_that_errs():
     judges, told = read_judges(DEFAULT), {}
     for settle in (True, False):
         settings, found, right = dataclasses.replace(AS_IS, settle=settle), 0, 0
-        for case in room_cases("pillars_added", "occluded", 78, range(3), sensor="oak-d-pro-small-real"):
+        for case in room_cases("pillars_added", "occluded", 78, range(2), sensor="oak-d-pro-small-real"):
             scan = NamedScan(case.scan, "scan", len(case.scan.points), "given")
             seen = detect_scans(case.prior, [scan], judges, settings)
             boxes = [box_of(one) for one in seen.mismatches if one.mismatch_type == "added"]
@@ -167,7 +167,7 @@ def test_more_objects_are_found_by_a_sensor_that_errs():
             assert [re.match(told_so, note) is not None for note in seen.scans[0].notes] == [True] * settle
             assert not seen.scans[0].doubted
         told[settle] = (right, found)
-    assert told[True][0] >= told[False][0] + 3, told
+    assert told[True][0] >= told[False][0] + 2, told
 
 
 def test_the_thesis_takes_every_scan_as_it_is():
