@@ -28,36 +28,40 @@ from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
 
 SENSORS = ("oak-d-pro-small", "ouster-64", "velodyne-16", "tls")
-HOW = {"settled": True, "as they are": False}
+# Of sensors, by the end of their names: how ranges are taken, and whether they settle. Exact ones never do.
+WAYS = {"": {"exact": True}, "-real": {"settled": True, "as they are": False}}
 AT_ONCE = 10  # rooms: a scan of a terrestrial scanner has 1.6 million points
 
 
 def main(out: Path, rooms: int, only: list[str], seed: int) -> None:
     out.mkdir(parents=True, exist_ok=True)
-    tasks = list(itertools.product(only or SENSORS, ("", "-real"), (*SCENARIOS, UNCHANGED), [rooms], [seed], [out]))
+    tasks = list(itertools.product(only or SENSORS, WAYS, (*SCENARIOS, UNCHANGED), [rooms], [seed], [out]))
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         for line in pool.map(_part, tasks):
             print(line, flush=True)
-    print(table(out))
+    print(table(out, rooms, seed))
+
+
+def _path(out: Path, sensor: str, scene: str, rooms: int, seed: int) -> Path:
+    return out / f"{sensor}_{scene}_{seed}_{rooms}.json"
 
 
 def _part(task: tuple[str, str, str, int, int, Path]) -> str:
     sensor, built, scene, rooms, seed, out = task
-    path = out / f"{sensor}{built}_{scene}_{seed}_{rooms}.json"
+    path = _path(out, sensor + built, scene, rooms, seed)
     if not path.exists():
         judges, found = read_judges(DEFAULT), []
         for start in range(0, rooms, AT_ONCE):
             numbers = range(start, min(start + AT_ONCE, rooms))
             cases = room_cases(scene, "occluded", seed, numbers, sensor=sensor + built)
-            found += [_room(judges, case) for case in cases]
+            found += [_room(judges, case, WAYS[built]) for case in cases]
         write_json(path, found)
     return f"{sensor}{built} {scene}"
 
 
-def _room(judges: Judges, case: RoomCase) -> dict[str, Any]:
+def _room(judges: Judges, case: RoomCase, ways: dict[str, bool]) -> dict[str, Any]:
     told = {}
-    exact = not case.scan.sensor.imperfections.noisy  # such ranges are left as they are
-    for name, settle in list(HOW.items())[: 1 if exact else None]:
+    for name, settle in ways.items():
         settings = DetectSettings(settle=settle, refine=False, propose_views=False)
         found = detect_scans(
             case.prior, [NamedScan(case.scan, "scan", len(case.scan.points), "given")], judges, settings
@@ -67,36 +71,31 @@ def _room(judges: Judges, case: RoomCase) -> dict[str, Any]:
     return told
 
 
-def table(out: Path) -> str:
+def table(out: Path, rooms: int, seed: int) -> str:
     """All that was found, as Markdown."""
     lines = [
         "| sensor | ranges | added: precision | recall | removed: precision | recall | unchanged rooms without one "
         "| testable elements called occluded or unscanned | removed called present, or present removed |",
         "| --- |" + " --- |" * 8,
     ]
-    for sensor, built, how in itertools.product(SENSORS, ("", "-real"), HOW):
-        scenes = {
-            path.stem.split("_", 1)[1].rsplit("_", 2)[0]: load_json(path)
-            for path in sorted(out.glob(f"{sensor}{built}_*.json"))
-        }
-        if not scenes or (how == "as they are" and not built):  # exact ranges are left as they are
+    ways = [(built, way) for built, names in WAYS.items() for way in names]
+    for sensor, (built, way) in itertools.product(SENSORS, ways):
+        paths = {scene: _path(out, sensor + built, scene, rooms, seed) for scene in (*SCENARIOS, UNCHANGED)}
+        told = {scene: [room[way] for room in load_json(path)] for scene, path in paths.items() if path.exists()}
+        if not told:
             continue
-        rooms = {scene: [room[how] for room in told] for scene, told in scenes.items()}
-        cells = [cell for change in ("added", "removed") for cell in _scores(rooms, change)]
-        still = [not room["boxes"] for room in rooms.get(UNCHANGED, [])]
-        elements = [one for told in rooms.values() for room in told for one in room["elements"]]
-        name = f"{sensor}, {'as built' if built else 'ideal'}"
-        lines.append(
-            f"| {name} | {how if built else 'exact'} | {' | '.join([*cells, _share(still), *_verdicts(elements)])} |"
-        )
+        every = [room for found in told.values() for room in found]
+        cells = [cell for change in ("added", "removed") for cell in _scores(every, change)]
+        still = [not room["boxes"] for room in told.get(UNCHANGED, [])]
+        cells += [_share(still), *_verdicts([one for room in every for one in room["elements"]])]
+        lines.append(f"| {sensor}, {'as built' if built else 'ideal'} | {way} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def _scores(rooms: dict[str, list[dict[str, Any]]], change: str) -> list[str]:
+def _scores(rooms: list[dict[str, Any]], change: str) -> list[str]:
     """Precision and recall of one change, over all rooms."""
     boxes, objects = (
-        [one for told in rooms.values() for room in told for one in room[kind] if one["change"] == change]
-        for kind in ("boxes", "objects")
+        [one for room in rooms for one in room[kind] if one["change"] == change] for kind in ("boxes", "objects")
     )
     return [
         _share([one["right"] for one in boxes]),

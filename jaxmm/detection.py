@@ -82,8 +82,11 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
 
 def _settled(one: NamedScan) -> NamedScan:
     found = settled(one.scan)
-    if found.scan is one.scan:
+    if found.scan is one.scan and not found.stray:
         return one
+    if found.scan is one.scan:
+        note = f"{found.stray:.0%} of its points are on no plane with others: its ranges are taken as they are"
+        return one._replace(notes=(*one.notes, note))
     note = (
         f"its ranges err by {found.sigma * 1000:.{1 if found.sigma < 0.01 else 0}f} mm: settled on the planes around "
         f"them; {found.stray:.1%} of the points, on none, were left out"

@@ -11,11 +11,10 @@ from scipy.spatial import cKDTree
 
 from jaxmm.evidence import SIGMAS, Noise, noise_of, sigma_at
 from jaxmm.scan_rays import PosedScan, drawn
-from warp_scanner.planes import on_planes
+from warp_scanner.planes import FEW, on_planes
 
 NEIGHBOURS = 25  # itself included
 OF_NOISE = 13  # and where noise is measured
-LEAST_SUPPORT = 6  # rays on one plane, itself included; three are always on one
 LEAST_MARGIN = 0.01  # [m] surfaces are no planes
 LEAST_GAIN = 0.005  # [m] a range that errs by less is better than that of the plane: a shaft is round
 MOST_STRAY = 0.2  # share of the points; of a scan with more, planes tell nothing
@@ -56,7 +55,7 @@ def settled(scan: PosedScan) -> Settled:
     margin = LEAST_MARGIN + SIGMAS * sigma_at(noise, reach)
     near = tree.query(direction, NEIGHBOURS, workers=-1)[1]
     found = on_planes(direction, reach, margin, near)
-    kept = found.support >= LEAST_SUPPORT
+    kept = found.support >= FEW
     stray = float(1.0 - kept.mean())
     if stray > MOST_STRAY:
         return Settled(scan, sigma, stray)
@@ -70,7 +69,7 @@ def _noise(tree: cKDTree, direction: np.ndarray, reach: np.ndarray) -> Noise:
     chosen = np.random.default_rng(0).choice(len(reach), min(len(reach), SAMPLED), replace=False)
     near = tree.query(direction[chosen], OF_NOISE, workers=-1)[1]
     found = on_planes(direction, reach, np.full(len(reach), AROUND), near, chosen)
-    told = found.support >= LEAST_SUPPORT
+    told = found.support >= FEW
     # The plane gives way to the ray itself: in their middle, by its share of them.
     off = (reach[chosen] - found.distance)[told] / np.sqrt(1.0 - 1.0 / found.support[told])
     return noise_of(off, np.ones(len(off)), reach[chosen][told])

@@ -94,6 +94,8 @@ def test_what_is_no_room_is_given_back_as_it_is(room):
     )
     found = settled(leaves)
     assert found.scan is leaves and found.stray > 0.2
+    (note,) = _settled(NamedScan(leaves, "scan", len(leaves.points), "given")).notes
+    assert re.match(r"\d\d% of its points are on no plane", note)
     anywhere = PosedScan(rng.uniform(-9, 9, (4000, 3)).astype(np.float32), np.zeros(3), np.eye(3))
     assert settled(anywhere).scan is anywhere
 

@@ -21,9 +21,10 @@ def test_each_sensor_has_a_row_for_each_way_and_exact_ranges_one(tmp_path):
     scenes = {"wall_added": [good], "unchanged": [room(), room([("added", False)])]}
     for sensor, settles in (("tls-real", True), ("velodyne-16", False)):
         for scene, rooms in scenes.items():
-            told = [{"settled": one, "as they are": room() if settles else one} for one in rooms]
-            write_json(tmp_path / f"{sensor}_{scene}.json", told)
-    _, _, ideal, settled, raw = table(tmp_path).splitlines()
+            told = [{"settled": one, "as they are": room()} if settles else {"exact": one} for one in rooms]
+            write_json(tmp_path / f"{sensor}_{scene}_3_2.json", told)
+            write_json(tmp_path / f"{sensor}_{scene}_4_2.json", [])  # of another seed
+    _, _, ideal, settled, raw = table(tmp_path, 2, 3).splitlines()
     counted = "0.333 (1/3) | 0.500 (1/2) | 1.000 (1/1) | 1.000 (1/1) | 0.500 (1/2) | 0.333 (1/3) | 0.333 (1/3) |"
     assert ideal == f"| velodyne-16, ideal | exact | {counted}"
     assert settled == f"| tls, as built | settled | {counted}"

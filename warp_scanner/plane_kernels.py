@@ -43,6 +43,14 @@ def width_of(rays: Rays, row: int):
 
 
 @wp.func
+def within_reach(rays: Rays, one: int, other: int, steep: float):
+    """Whether a surface of this slope [m/m] could go from the end of one ray to that of another."""
+    margin = (rays.margin[one] + rays.margin[other]) / wp.sqrt(2.0)
+    apart = rays.distance[one] * wp.length(rays.direction[other] - rays.direction[one])
+    return wp.abs(rays.distance[other] - rays.distance[one]) <= margin + steep * apart
+
+
+@wp.func
 def fit(rays: Rays, row: int, steep: float):
     """The range at which a chosen ray meets the plane, and how many rays lie on it; 0 where it does not itself.
 
@@ -76,8 +84,7 @@ def fit(rays: Rays, row: int, steep: float):
                 )
                 lies = False
                 if turn == 0:
-                    margin = (rays.margin[chosen] + rays.margin[ray]) / wp.sqrt(2.0)
-                    lies = wp.abs(found - reach) <= margin + steep * reach * wp.length(toward - own)
+                    lies = within_reach(rays, chosen, ray, steep)
                 else:
                     inverse = float(wp.dot(plane, axes)) * cosine
                     if inverse > 1e-6:
@@ -103,13 +110,9 @@ def fit(rays: Rays, row: int, steep: float):
 @wp.func
 def beside(rays: Rays, row: int):
     """How many neighbours a surface of 45 degrees could reach, round or not."""
-    chosen = rays.chosen[row]
     many = int(0)
     for at in range(rays.neighbour.shape[1]):
-        ray = rays.neighbour[row, at]
-        margin = (rays.margin[chosen] + rays.margin[ray]) / wp.sqrt(2.0)
-        apart = wp.length(rays.direction[ray] - rays.direction[chosen])
-        if wp.abs(rays.distance[ray] - rays.distance[chosen]) <= margin + rays.distance[chosen] * apart:
+        if within_reach(rays, rays.chosen[row], rays.neighbour[row, at], 1.0):
             many += 1
     return many
 
@@ -125,11 +128,11 @@ def settle(first: int, rays: Rays, distance: wp.array[wp.float32], support: wp.a
     settled, many = fit(rays, row, STEEP)
     if many < FEW:
         again, more = fit(rays, row, 0.0)
+        if more < ALONE:
+            again = rays.distance[rays.chosen[row]]
+            more = beside(rays, row)
         if more >= ALONE:
             settled = again
             many = more
-        elif beside(rays, row) >= ALONE:
-            settled = rays.distance[rays.chosen[row]]
-            many = beside(rays, row)
     distance[row] = settled
     support[row] = many

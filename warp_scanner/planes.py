@@ -11,12 +11,16 @@ import warp as wp
 from warp_scanner import plane_kernels as kernels
 from warp_scanner.launches import load, share, share_out, thread_count
 
+FEW = kernels.FEW  # rays that share a plane by chance are fewer
+
 
 class OnPlanes(NamedTuple):
     """Where the chosen rays meet the planes of their neighbourhoods."""
 
     distance: np.ndarray  # (S,) float32 [m]
-    support: np.ndarray  # (S,) int32 neighbours on the plane, itself included; 0 where the ray itself is none of them
+    # (S,) int32 neighbours on the plane, itself included; 0 where the ray itself is none of them. Of a ray that keeps
+    # its range, on no plane, those beside it. Less than FEW: it hangs between surfaces.
+    support: np.ndarray
 
 
 def on_planes(
@@ -30,7 +34,9 @@ def on_planes(
     """Fit a plane to each chosen ray and those of its neighbours that lie on one with it.
 
     A plane's inverse range is linear in the direction, so the fit is exact at any distance and slant. It begins with
-    the neighbours that a surface of up to 75 degrees incidence could reach, and goes on with those on the plane.
+    the neighbours that a surface of up to 75 degrees incidence could reach, and goes on with those on the plane. A
+    ray that is on none tries those that are as far away as itself; where these are on none either, but enough of them
+    are beside it, as on a shaft, it keeps its range.
 
     Args:
         direction: (P, 3) unit vectors.
