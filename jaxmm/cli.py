@@ -38,19 +38,15 @@ SCAN_FILES = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code."""
+    """Run one command and return its exit code; without arguments, that of this process, which ends with it."""
     options = _parser().parse_args(_glued(sys.argv[1:] if arguments is None else arguments))
-    hook = sys.unraisablehook
-    if not options.debug:
+    if arguments is None and not options.debug:
         # Threads that write checkpoints go on to complain for themselves about an error that is told below, some of
-        # them as the process ends; and a compilation cache that cannot be used costs time only.
+        # them after it was told, so nothing is put back; and a compilation cache that cannot be used costs time only.
         sys.unraisablehook = lambda _: None
         warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
         warnings.filterwarnings("ignore", "Error .* persistent compilation cache", UserWarning)
-    try:
-        return _run(options)
-    finally:
-        sys.unraisablehook = hook
+    return _run(options)
 
 
 def _glued(arguments: Sequence[str]) -> list[str]:

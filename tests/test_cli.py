@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 
 import pytest
 
@@ -190,6 +191,25 @@ def test_a_full_disk_is_one_line_and_leaves_nothing_half_written(a_run, tiny_con
     assert "File too large" in lines[-1] and str(a_run / stage) in lines[-1]
     assert all(line.startswith(("scan ", "train ")) for line in lines[:-1]), err
     assert not list(a_run.rglob(".*.tmp")) and not (a_run / runs.MODELS).exists()
+
+
+def test_threads_that_complain_after_the_line_are_not_heard(tmp_path, capsys, monkeypatch):
+    """Writers of a checkpoint that failed may come back when the command has said so and is about to end."""
+
+    class Late:
+        def __del__(self):
+            raise RuntimeError("Event loop is closed")
+
+    monkeypatch.setattr(sys, "unraisablehook", sys.__unraisablehook__)  # pytest has its own; puts it back, too
+    monkeypatch.setattr(sys, "argv", ["jaxmm", "evaluate", str(tmp_path / "none")])
+    with warnings.catch_warnings():
+        assert cli.main() == 2
+        Late()
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    monkeypatch.undo()
+    before = sys.unraisablehook
+    cli.main(["evaluate", str(tmp_path / "none")])
+    assert sys.unraisablehook is before  # a process that only calls it keeps its own
 
 
 def test_ctrl_c_is_one_line(tiny_config, tmp_path):
