@@ -188,7 +188,7 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
     thin = points[thin_clouds([(points - prior.origin).astype(np.float32)], ESTIMATED_FROM)[0]]
     if pose is not None:
         view = (sensor.horizontal_fov, sensor.vertical_fov) if isinstance(sensor, Pinhole) else None
-        notes += doubts_about(thin, *pose, view)
+        notes += doubts_about(points, thin, *pose, view)
     else:
         camera = sensor or OAK_D_PRO
         if not isinstance(camera, Pinhole):

@@ -19,6 +19,7 @@ HOLE = 1.5  # spacings: a cell this large without a measured ray is a hole
 STRIP = np.radians(1.0)  # of elevations, or azimuths, along which gaps between rays are measured
 WIDEST_GAP = np.radians(4.0)  # between the rings of a spinning sensor; wider ones are holes
 RINGED = 1.5  # times as far apart as along them, rays lie in rings
+FARTHER, BEHIND = 1.1, 0.1  # times, and [m] more than another ray: well behind it, whatever the slant of a floor
 NEAREST = 0.05  # [m] points closer to the sensor are its own housing
 
 
@@ -77,6 +78,23 @@ def drawn(points: np.ndarray, position: np.ndarray, seed: int = 0) -> np.ndarray
         points = points[np.unique(np.random.default_rng(seed).integers(0, len(points), MOST_RAYS))]
     points = points.astype(np.float64)
     return points[np.linalg.norm(points - position, axis=1) > NEAREST]
+
+
+def overtaken(points: np.ndarray, position: np.ndarray) -> float:
+    """Share of points (N, 3) [m] of a scan that lie well behind another one of about the same direction.
+
+    From where a scan was taken, that happens at the edges of things only, at most in a few of a hundred. Two points
+    have about the same direction where they share a cell so large that two would lie in each.
+    """
+    offset = drawn(points, position) - position
+    reach = np.linalg.norm(offset, axis=1)
+    direction = (offset / reach[:, None]).astype(np.float32)
+    wide = np.radians(2.0)
+    covered = len(np.unique(cells_of(direction, wide)[0])) * wide**2
+    cell = np.unique(cells_of(direction, float(np.sqrt(2.0 * covered / len(direction))))[0], return_inverse=True)[1]
+    nearest = np.full(len(reach), np.inf)
+    np.minimum.at(nearest, cell, reach)
+    return float(np.mean(reach > FARTHER * nearest[cell] + BEHIND))
 
 
 def measured_points(rays: ScanRays) -> np.ndarray:

@@ -25,6 +25,7 @@ from jaxmm.pyramid import (
     touched_edges,
     with_spacing,
 )
+from jaxmm.scan_rays import overtaken
 
 LEAST_POINTS = 200  # below, the edges of the view are guesswork
 LEAST_TOUCHED = 0.6  # of all edges; right poses have 0.64 and more, wrong ones rarely half
@@ -32,6 +33,7 @@ LEAST_TOUCHED_EDGE = 0.15  # of each; with a wrong field of view, an edge has no
 WELL_TOUCHED = 0.8  # of all edges; with less, another field of view may fit better
 HOPELESS = 0.4  # of all edges; with less, no other field of view is asked for
 MOST_HIDDEN = 0.2  # of the points; right poses have up to 0.15 in clouds of few points, a third of it in large ones
+MOST_OVERTAKEN = 0.05  # of all points; whole scans have up to 0.02 in their right place, with errors of ranges 0.08
 MOST_STRAYS = 0.2  # of the points, out of view as a given pose has it
 LEAST_LEAD = 0.15  # in score over any other pose; the mirror image of a wall that is nearly alone comes close
 FAR_BETTER = 0.15  # in score: with this lead, another field of view casts doubt on the given one
@@ -119,24 +121,30 @@ def _thinned(points: np.ndarray, count: int, rng: np.random.Generator) -> np.nda
 
 
 def doubts_about(
-    points: np.ndarray, position: np.ndarray, rotation: np.ndarray, view: tuple[float, float] | None
+    points: np.ndarray,
+    thin: np.ndarray,
+    position: np.ndarray,
+    rotation: np.ndarray,
+    view: tuple[float, float] | None,
 ) -> list[str]:
     """What speaks against a pose that a scan is said to be taken from; nothing where all fits.
 
     Args:
-        points: (N, 3) [m] of the scan, thinned to about 0.1 m.
+        points: (M, 3) [m] of the scan.
+        thin: (N, 3) [m] the same, thinned to about 0.1 m.
         position: (3,) [m] of the sensor, in the frame of the points.
         rotation: (3, 3) sensor to world.
         view: horizontal and vertical field of view [deg] that the points must lie in; None: any.
     """
-    if len(points) < LEAST_POINTS:
+    if len(thin) < LEAST_POINTS:
         return []
     forward = rotation[:, 0]
     turned = [np.arctan2(forward[1], forward[0]), np.arcsin(np.clip(forward[2], -1.0, 1.0))]
-    cloud = with_spacing(np.asarray(points, np.float64) - position)
+    cloud = with_spacing(np.asarray(thin, np.float64) - position)
     hidden, strays = misplaced(cloud, np.array([0.0, 0.0, 0.0, *turned]), np.radians(view or (90.0, 90.0)) / 2)
     doubts = []
-    if hidden > MOST_HIDDEN:
+    # Thinned points are as wide as they are apart: among many small things, some lie behind others from anywhere.
+    if hidden > MOST_HIDDEN and overtaken(points, position) > MOST_OVERTAKEN:
         doubts.append(
             f"{hidden:.0%} of its points would lie hidden behind others, seen from its pose: is the place right?"
         )

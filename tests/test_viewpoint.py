@@ -11,6 +11,7 @@ from jaxmm import thesis
 from jaxmm.inputs import InputError
 from jaxmm.preprocess import voxel_downsample
 from jaxmm.room_scans import room_cases
+from jaxmm.scan_rays import overtaken
 from jaxmm.viewpoint import doubts_about, estimate
 from warp_scanner.pairs import PRESETS, make_pairs
 from warp_scanner.points import points_of
@@ -252,9 +253,39 @@ def test_a_pose_that_the_points_contradict_is_doubted_and_the_true_one_is_not():
         scan = case.scan
         thin = scan.points[thin_clouds([scan.points], 0.1)[0]]
         view = scan.sensor.horizontal_fov, scan.sensor.vertical_fov
-        assert doubts_about(thin, scan.position, scan.rotation, view) == []
-        (doubt,) = doubts_about(thin, scan.position, turned @ scan.rotation, view)
+        assert doubts_about(scan.points, thin, scan.position, scan.rotation, view) == []
+        (doubt,) = doubts_about(scan.points, thin, scan.position, turned @ scan.rotation, view)
         assert "outside the sensor's view" in doubt and "\n" not in doubt
-        assert doubts_about(thin, scan.position, turned @ scan.rotation, None) == []
-        doubted += bool(doubts_about(thin, scan.position + np.array([1.5, -1.5, 0.0]), scan.rotation, view))
+        assert doubts_about(scan.points, thin, scan.position, turned @ scan.rotation, None) == []
+        doubted += bool(doubts_about(scan.points, thin, scan.position + np.array([1.5, -1.5, 0.0]), scan.rotation, view))
     assert doubted > 8
+
+
+def behind_bars(rays, seed):
+    """Points of a sensor between many narrow bars 2 m away, a wall 6 m away behind them."""
+    draw = np.random.default_rng(seed)
+    turn, climb = draw.uniform(-np.pi, np.pi, rays), draw.uniform(-0.4, 0.4, rays)
+    reach = np.where(np.floor(np.degrees(turn) / 3.0) % 2 == 0, 2.0, 6.0)
+    return reach[:, None] * np.stack([np.cos(turn), np.sin(turn), np.tan(climb)], axis=1)
+
+
+@pytest.mark.parametrize("rays", [100_000, 900_000])
+def test_a_place_among_many_small_things_is_not_doubted_and_another_is(rays):
+    points, place = behind_bars(rays, rays), np.array([3.0, -2.0, 1.0])
+    scan = (points + place).astype(np.float32)
+    thin = scan[thin_clouds([scan], 0.1)[0]]
+    assert overtaken(scan, place) < 0.05 < overtaken(scan, place + [0.7, 0.4, 0.0])
+    assert doubts_about(scan, thin, place, np.eye(3), None) == []
+    (doubt,) = doubts_about(scan, thin, place + [0.7, 0.4, 0.0], np.eye(3), None)
+    assert "hidden behind others" in doubt
+    assert "hidden behind others" in doubts_about(thin, thin, place + [0.7, 0.4, 0.0], np.eye(3), None)[0]
+
+
+def test_what_one_direction_overtakes_is_counted():
+    """A wall at 2 m hides as much of one at 4 m as there are rays to both; what is a floor's slant farther counts not."""
+    points = behind_bars(40_000, 7)
+    near = 2.0 * points / np.linalg.norm(points, axis=1, keepdims=True)
+    for ratio, share in ((2.0, 0.5), (1.13, 0.0)):
+        found = overtaken(np.concatenate([near, ratio * near[::-1]]), np.zeros(3))
+        assert abs(found - share) < 0.01
+    assert overtaken(np.concatenate([near, 0.01 * near]), np.zeros(3)) == 0.0  # the sensor's own housing
