@@ -101,6 +101,15 @@ def test_every_word_of_a_topic_is_declared(written, opened):
         assert topic.creation_author in words.users.user == [AUTHOR]
 
 
+@pytest.mark.parametrize(
+    "probability, words",
+    [(1.0, "1.000"), (0.99951, "more than 0.999"), (0.9994, "0.999"), (0.0004, "less than 0.001"), (0.0, "0.000")],
+)
+def test_what_is_nearly_sure_is_not_called_sure(moved, probability, words):
+    sure = moved._replace(mismatches=tuple(one._replace(probability=probability) for one in moved.mismatches))
+    assert all(f"that this is real is {words}." in topic.description for topic in topics_of(sure, ""))
+
+
 def test_description_says_how_sure_and_why(moved):
     wall, pillar, again = topics_of(moved, "")
     told = next(one for one in moved.elements if one.guid == pillar.mismatch.element)

@@ -53,6 +53,15 @@ def test_browser_draws_and_layers_change_the_picture(driver, case, tmp_path):
         assert all(line in page.text("mismatches") for line in case.detection.sentences)
 
 
+def test_browser_does_not_call_sure_what_is_nearly_sure(driver, case, tmp_path):
+    chances = {0.99951: "> 0.999", 0.9994: "0.999", 0.42: "0.42", 0.0004: "< 0.001", 0.0: "0.000"}
+    one = case.detection.mismatches[0]
+    sure = case.detection._replace(mismatches=tuple(one._replace(probability=value) for value in chances))
+    with Page(driver, tmp_path / "report.html", sure) as page:
+        listed = page.run("return [...document.querySelectorAll('#mismatches small')].map((one) => one.textContent)")
+    assert [text.split(",")[0] for text in listed] == [f"probability {words}" for words in chances.values()]
+
+
 def test_browser_selects_what_is_clicked(driver, case, tmp_path):
     detection = case.detection
     with Page(driver, tmp_path / "report.html", detection) as page:

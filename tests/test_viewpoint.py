@@ -257,7 +257,9 @@ def test_a_pose_that_the_points_contradict_is_doubted_and_the_true_one_is_not():
         (doubt,) = doubts_about(scan.points, thin, scan.position, turned @ scan.rotation, view)
         assert "outside the sensor's view" in doubt and "\n" not in doubt
         assert doubts_about(scan.points, thin, scan.position, turned @ scan.rotation, None) == []
-        doubted += bool(doubts_about(scan.points, thin, scan.position + np.array([1.5, -1.5, 0.0]), scan.rotation, view))
+        doubted += bool(
+            doubts_about(scan.points, thin, scan.position + np.array([1.5, -1.5, 0.0]), scan.rotation, view)
+        )
     assert doubted > 8
 
 
@@ -271,18 +273,18 @@ def behind_bars(rays, seed):
 
 @pytest.mark.parametrize("rays", [100_000, 900_000])
 def test_a_place_among_many_small_things_is_not_doubted_and_another_is(rays):
-    points, place = behind_bars(rays, rays), np.array([3.0, -2.0, 1.0])
+    points, place, other = behind_bars(rays, rays), np.array([3.0, -2.0, 1.0]), np.array([3.7, -1.6, 1.0])
     scan = (points + place).astype(np.float32)
     thin = scan[thin_clouds([scan], 0.1)[0]]
-    assert overtaken(scan, place) < 0.05 < overtaken(scan, place + [0.7, 0.4, 0.0])
+    assert overtaken(scan, place) < 0.05 < overtaken(scan, other)
     assert doubts_about(scan, thin, place, np.eye(3), None) == []
-    (doubt,) = doubts_about(scan, thin, place + [0.7, 0.4, 0.0], np.eye(3), None)
+    (doubt,) = doubts_about(scan, thin, other, np.eye(3), None)
     assert "hidden behind others" in doubt
-    assert "hidden behind others" in doubts_about(thin, thin, place + [0.7, 0.4, 0.0], np.eye(3), None)[0]
+    assert "hidden behind others" in doubts_about(thin, thin, other, np.eye(3), None)[0]
 
 
 def test_what_one_direction_overtakes_is_counted():
-    """A wall at 2 m hides as much of one at 4 m as there are rays to both; what is a floor's slant farther counts not."""
+    """A wall at 2 m hides as much of one at 4 m as there are rays to both; a floor's slant counts not."""
     points = behind_bars(40_000, 7)
     near = 2.0 * points / np.linalg.norm(points, axis=1, keepdims=True)
     for ratio, share in ((2.0, 0.5), (1.13, 0.0)):

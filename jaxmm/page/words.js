@@ -15,8 +15,15 @@ const byId = (id) => document.getElementById(id);
 const count = (value) => value.toLocaleString("en-US");
 const plural = (value, word) => `${count(value)} ${word}${value === 1 ? "" : "s"}`;
 const metres = (values) => `${values.map((value) => value.toFixed(2)).join("  ")} m`;
-const chance = (value) => (value === null ? "unknown" : value.toFixed(value > 0.995 || value < 0.005 ? 3 : 2));
 const capital = (word) => word.charAt(0).toUpperCase() + word.slice(1);
+
+// What is nearly sure is not rounded to sure.
+function chance(value) {
+  if (value === null) return "unknown";
+  if (value >= 0.9995 && value < 1) return "> 0.999";
+  if (value > 0 && value < 0.0005) return "< 0.001";
+  return value.toFixed(value > 0.995 || value < 0.005 ? 3 : 2);
+}
 
 function poseWords([x, y, z, yaw, pitch]) {
   return `${metres([x, y, z])}, yaw ${yaw.toFixed(1)}°, pitch ${pitch.toFixed(1)}°`;
