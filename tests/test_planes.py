@@ -135,6 +135,50 @@ def test_each_side_of_an_edge_keeps_its_range_and_what_hangs_between_has_no_supp
     assert hanging.sum() > 20 and np.mean(found.support[hanging] < 6) > 0.9
 
 
+@pytest.mark.parametrize("wide", [0.012, 0.02])
+def test_what_hangs_at_an_edge_is_told_though_margins_are_wide(wide):
+    """Half of the rays of a few columns end somewhere between: some lie on planes along the rays, by chance."""
+    direction, near = grid()
+    reach = np.where(direction[:, 1] > 0.0, range_to(direction, (1, 0, 0), 2.0), range_to(direction, (1, 0, 0), 5.0))
+    rng, sigma = np.random.default_rng(2), 0.1
+    hanging = (np.abs(direction[:, 1]) < wide) & (rng.random(len(reach)) < 0.5)
+    between = rng.uniform(2.0 + 4 * sigma, 5.0 - 4 * sigma, len(reach))
+    noisy = np.where(hanging, between, reach + sigma * rng.standard_normal(len(reach)))
+    margin = np.full(len(reach), 0.01 + 3 * sigma)
+    found, fooled = (on_planes(direction, noisy, margin, near, steepest=steepest) for steepest in (6.0, np.inf))
+    left, left_else = (np.mean(one.support[hanging] >= 6) for one in (found, fooled))
+    assert hanging.sum() > 50 and left < 0.2 and left_else > 2 * left
+    assert np.mean(found.support[~hanging] >= 6) > 0.995
+
+
+def strip_seen_along():
+    """A wall that begins 2 m away beside the line of sight, 85 degrees slant, in four columns before one at 8 m."""
+    direction, near = grid(0.2)
+    along = np.abs(direction[:, 1] - 0.04) < 2.0 * 0.4 / 59
+    normal = (np.sin(np.radians(5.0)), np.cos(np.radians(5.0)), 0.0)
+    height = range_to(direction, (1, 0, 0), 3.0)[along].mean() * (direction[along] @ normal).mean()
+    behind = range_to(direction, (1, 0, 0), 8.0)
+    return direction, near, along, np.where(along, range_to(direction, normal, height), behind)
+
+
+def test_a_surface_along_the_rays_is_a_plane_where_ranges_are_good():
+    direction, near, along, reach = strip_seen_along()
+    assert np.ptp(reach[along]) > 0.5 and along.sum() == 4 * 60
+    for margin, least, most in ((0.02, 0.99, 1.0), (0.1, 0.5, 0.9)):
+        found = on_planes(direction, reach, np.full(len(reach), margin), near)
+        np.testing.assert_allclose(found.distance[along], reach[along], rtol=1e-4)
+        assert least <= np.mean(found.support[along] >= 6) <= most
+
+
+def test_rays_that_did_not_come_back_are_on_no_plane():
+    direction, near = grid(count=30)
+    reach, gone = range_to(direction, (1, 0.4, 0), 3.0), np.random.default_rng(5).random(900) < 0.3
+    found = on_planes(direction, np.where(gone, np.inf, reach), np.full(900, 0.02), near)
+    assert np.all(np.isinf(found.distance[gone])) and not found.support[gone].any()
+    np.testing.assert_allclose(found.distance[~gone], reach[~gone], rtol=1e-5)
+    np.testing.assert_array_equal(found.support[~gone], (~gone)[near].sum(axis=1)[~gone])
+
+
 def test_a_thing_of_a_few_rays_is_kept():
     """A post four rays wide before a wall."""
     direction, near = grid()
@@ -175,8 +219,8 @@ def test_the_answer_depends_neither_on_threads_nor_on_the_other_rays():
         ({"neighbour": np.zeros((3, 2), int)}, r"neighbour must be \(4, K\)"),
         ({"neighbour": np.full((4, 2), 4)}, "neighbour must be within 0 to 3, got 4 to 4"),
         ({"chosen": np.array([0, 1, 2, -1])}, "chosen must be within 0 to 3, got -1 to 2"),
-        ({"distance": np.array([1.0, 1.0, 1.0, np.inf])}, "distance must be finite and positive"),
-        ({"distance": np.array([1.0, 1.0, 1.0, 0.0])}, "distance must be finite and positive"),
+        ({"distance": np.array([1.0, 1.0, 1.0, np.nan])}, "distance must be positive, got nan"),
+        ({"distance": np.array([1.0, 1.0, 1.0, 0.0])}, "distance must be positive, got 0.0"),
     ],
 )
 def test_bad_input_is_named(change, message):

@@ -62,7 +62,7 @@ def test_an_exact_scan_is_given_back_as_it_is(room):
 
 @pytest.mark.parametrize("constant, growth", [(0.01, 0.0), (0.05, 0.0), (0.0, 0.0044)])
 def test_noise_is_measured_and_settles(room, constant, growth):
-    """The errors of what is left are less than half of what they were, and nothing of the room is lost."""
+    """The errors of what is left are a sixth of what they were, and nothing of the room is lost."""
     direction, reach = room
     sigma = constant + growth * reach**2
     noisy = reach + sigma * np.random.default_rng(0).standard_normal(len(reach))
@@ -70,17 +70,19 @@ def test_noise_is_measured_and_settles(room, constant, growth):
     assert found.sigma == pytest.approx(constant + growth * np.median(reach) ** 2, rel=0.15)
     assert found.stray < 0.02
     before, after = np.abs(noisy - reach), np.abs(off(found.scan, direction, reach))
-    assert np.median(after) < 0.5 * np.median(before)
-    assert np.quantile(after, 0.95) < 0.6 * np.quantile(before, 0.95)
+    assert np.median(after) < 0.15 * np.median(before)
+    assert np.quantile(after, 0.95) < 0.25 * np.quantile(before, 0.95)
 
 
-def test_what_hangs_between_two_surfaces_is_left_out(room):
+@pytest.mark.parametrize("sigma, share", [(0.001, 0.15), (0.02, 0.02), (0.05, 0.06)])
+def test_what_hangs_between_two_surfaces_is_left_out(room, sigma, share):
+    """Where ranges settle, in several rounds: at first margins are wide."""
     direction, reach = room
     hanging, which = mixed(reach)
-    noisy = hanging + 0.001 * np.random.default_rng(0).standard_normal(len(reach))
+    noisy = hanging + sigma * np.random.default_rng(0).standard_normal(len(reach))
     found = settled(scan_of(direction, noisy))
-    left = np.abs(off(found.scan, direction, reach)) > 0.05
-    assert which.sum() > 100 and left.sum() < 0.15 * which.sum()
+    left = np.abs(off(found.scan, direction, reach)) > 0.05 + 3 * sigma
+    assert which.sum() > 100 and left.sum() < share * which.sum()
     assert found.stray < which.mean() + 0.02  # what is at a crease has little to stand on
 
 

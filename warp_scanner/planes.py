@@ -11,6 +11,7 @@ import warp as wp
 from warp_scanner import plane_kernels as kernels
 from warp_scanner.launches import load, share, share_out, thread_count
 
+STEEPEST = 6.0  # tangent of the incidence: 80 degrees
 FEW = kernels.FEW  # rays that share a plane by chance are fewer
 
 
@@ -19,7 +20,7 @@ class OnPlanes(NamedTuple):
 
     distance: np.ndarray  # (S,) float32 [m]
     # (S,) int32 neighbours on the plane, itself included; 0 where the ray itself is none of them. Of a ray that keeps
-    # its range, on no plane, those beside it. Less than FEW: it hangs between surfaces.
+    # its range, on no plane, those beside it. Less than FEW: it hangs between surfaces, or it did not come back.
     support: np.ndarray
 
 
@@ -29,6 +30,7 @@ def on_planes(
     margin: np.ndarray,
     neighbour: np.ndarray,
     chosen: np.ndarray | None = None,
+    steepest: float = STEEPEST,
     threads: int | None = None,
 ) -> OnPlanes:
     """Fit a plane to each chosen ray and those of its neighbours that lie on one with it.
@@ -40,14 +42,16 @@ def on_planes(
 
     Args:
         direction: (P, 3) unit vectors.
-        distance: (P,) [m], finite and positive.
+        distance: (P,) [m], positive; inf where nothing came back.
         margin: (P,) [m] within which each range is that of a plane.
         neighbour: (S, K) int of P: rays close to each chosen one, itself among them.
         chosen: (S,) int of P; None: all.
+        steepest: tangent of the incidence, beyond which four fifths of the neighbours must lie on a plane, unless
+            margins are narrow beside what it spans in depth: at the edge of a thing, mixed ranges lie on such planes.
         threads: how many to use; by default as many as the machine has cores.
 
     Raises:
-        ValueError: the shapes disagree, a neighbour is no ray, or a range is not finite and positive.
+        ValueError: the shapes disagree, a neighbour is no ray, or a range is not positive.
     """
     distance, margin = np.asarray(distance, np.float32), np.asarray(margin, np.float32)
     chosen = np.arange(len(distance)) if chosen is None else np.asarray(chosen)
@@ -60,14 +64,16 @@ def on_planes(
     for name, rays in (("neighbour", neighbour), ("chosen", chosen)):
         if rays.size and not (rays.min() >= 0 and rays.max() < len(distance)):
             raise ValueError(f"{name} must be within 0 to {len(distance) - 1}, got {rays.min()} to {rays.max()}")
-    if not np.all((distance > 0.0) & (distance < np.inf)):  # also false for NaN
-        raise ValueError("distance must be finite and positive")
+    if not np.all(distance > 0.0):  # also false for NaN
+        least = np.nan if np.isnan(distance).any() else distance.min()
+        raise ValueError(f"distance must be positive, got {least}")
     found = OnPlanes(np.empty(len(chosen), np.float32), np.empty(len(chosen), np.int32))
     if len(chosen):
         load(kernels)
         rays = kernels.Rays()
         rays.direction = share(np.asarray(direction, np.float32), wp.vec3)
         rays.distance, rays.margin = share(distance, wp.float32), share(margin, wp.float32)
+        rays.steepest = float(steepest)
         rays.chosen = share(chosen.astype(np.int32), wp.int32)
         rays.neighbour = share(neighbour.astype(np.int32), wp.int32)
         outputs = [share(found.distance, wp.float32), share(found.support, wp.int32)]
