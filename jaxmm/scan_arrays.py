@@ -2,6 +2,7 @@
 
 import zipfile
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -17,6 +18,8 @@ def read_npy(path: Path) -> list[RawScan]:
     Raises:
         InputError: no array of numbers with three columns or more; shorter than its header promises.
     """
+    with path.open("rb") as file:
+        _header(path, file, "the array")
     array = np.lib.format.open_memmap(path, mode="r")  # checks the size that is promised, and admits no objects
     return [RawScan(np.array(_columns(path, array), np.float64))]
 
@@ -50,15 +53,21 @@ def _columns(path: Path, array: np.ndarray) -> np.ndarray:
 def _check_array(path: Path, archive: zipfile.ZipFile, name: str, size: int) -> None:
     """Refuse an array that promises more than the archive holds, before NumPy takes the memory for it."""
     with archive.open(f"{name}.npy") as file:
-        version = np.lib.format.read_magic(file)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, kind = read(file)
-    if kind.hasobject:
-        raise InputError(f"{path}: expected {name} to hold numbers, got pickled objects")
+        shape, kind = _header(path, file, name)
     if np.prod([float(length) for length in shape]) * kind.itemsize > size:
         raise InputError(
             f"{path}: expected {name} to fit into {size} bytes, its header promises {str(kind)[:80]} {shape}"
         )
+
+
+def _header(path: Path, file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type that an array promises, which no pickled objects may be."""
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, kind = read(file)
+    if kind.hasobject:
+        raise InputError(f"{path}: expected {name} to hold numbers, got pickled objects")
+    return shape, kind
 
 
 def _returns(path: Path, arrays: np.lib.npyio.NpzFile) -> RawScan:
