@@ -182,10 +182,13 @@ def _draw_boxes(axes: Axes, detection: Detection, panel: Panel, limits: tuple[np
             axes.plot(*line.T, color=BLACK, linewidth=1.4, zorder=5)
         corners = np.concatenate(lines)
         inside = corners[((corners >= low) & (corners <= high)).all(axis=1)]
-        if len(inside):
-            note = {"boxstyle": "circle,pad=0.2", "facecolor": "white", "edgecolor": BOX_COLORS[one.mismatch_type]}
-            words = {"ha": "center", "va": "center", "fontweight": "bold", "bbox": note, "zorder": 6}
-            axes.text(*inside.mean(axis=0), str(index + 1), **words)
+        if not len(inside):
+            continue
+        if np.ptp(inside[:, 0]) > 180.0:  # on both sides of the seam: its number stands on the larger one
+            inside = inside[(inside[:, 0] > 0.0) == (np.median(inside[:, 0]) > 0.0)]
+        note = {"boxstyle": "circle,pad=0.2", "facecolor": "white", "edgecolor": BOX_COLORS[one.mismatch_type]}
+        words = {"ha": "center", "va": "center", "fontweight": "bold", "bbox": note, "zorder": 6}
+        axes.text(*inside.mean(axis=0), str(index + 1), **words)
 
 
 def _scatter(axes: Axes, seen: Seen, size: np.ndarray, own: np.ndarray, **look) -> None:

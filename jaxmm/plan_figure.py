@@ -89,8 +89,9 @@ def _draw_level(axes: Axes, detection: Detection, level: Level, limits: tuple, s
     entries += _draw_slice(axes, detection, level, shift)
     entries += _draw_next_views(axes, detection, level, base)
     entries += _draw_sensors(axes, detection, level, base)
+    sensors = np.array([detection.scans[n].pose[:2] for n in level.scans]).reshape(-1, 2) - base[:2]
     for index, one in shown:
-        _draw_mismatch(axes, index, one, base)
+        _draw_mismatch(axes, index, one, base, sensors)
     low, high = limits
     axes.set(xlim=(low[0] + shift[0], high[0] + shift[0]), ylim=(low[1] + shift[1], high[1] + shift[1]), aspect="equal")
     for name, value in zip("xy", base, strict=False):
@@ -191,7 +192,8 @@ def _mark_pose(axes: Axes, place: tuple[float, float], yaw: float, color: str, f
     axes.plot(*place, "o", color=color, markerfacecolor=face or color, markersize=8, zorder=7)
 
 
-def _draw_mismatch(axes: Axes, index: int, one: Mismatch, base: np.ndarray) -> None:
+def _draw_mismatch(axes: Axes, index: int, one: Mismatch, base: np.ndarray, sensors: np.ndarray) -> None:
+    """One box, its number on the side away from the nearest of the sensors (S, 2), whose names stand there."""
     corners = footprint(one, base)
     if not np.isfinite(corners).all():
         return
@@ -203,10 +205,10 @@ def _draw_mismatch(axes: Axes, index: int, one: Mismatch, base: np.ndarray) -> N
     axes.add_patch(_outlined(patch, one))
     note = {"boxstyle": "circle,pad=0.25", "facecolor": "white", "edgecolor": color, "linewidth": 1.6}
     lead = {"arrowstyle": "-", "color": color, "linewidth": 1.2}
-    axes.annotate(
-        str(index), corners.mean(axis=0), (24, 24), textcoords="offset points", ha="center", va="center", bbox=note,
-        arrowprops=lead, fontweight="bold", zorder=9,
-    )  # fmt: skip
+    middle = corners.mean(axis=0)
+    away = middle - min(sensors, key=lambda place: np.linalg.norm(place - middle), default=middle)
+    words = {"ha": "center", "va": "center", "fontweight": "bold", "bbox": note, "arrowprops": lead, "zorder": 9}
+    axes.annotate(str(index), middle, np.where(away < 0.0, -24, 24), textcoords="offset points", **words)
 
 
 def _outlined(patch: Patch, one: Mismatch) -> Patch:

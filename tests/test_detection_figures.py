@@ -9,7 +9,7 @@ import trimesh
 from detections import true_case
 
 from jaxmm import figures
-from jaxmm.detection_figures import MOST_POINTS, panels_of, write_figures
+from jaxmm.detection_figures import MOST_POINTS, panels_of, probability_figure, write_figures
 from jaxmm.panorama import box_edges, in_view, seen_from, sensor_frame
 from jaxmm.plan_cut import cut_surfaces
 from jaxmm.plan_figure import draw_plan, plan_figure
@@ -275,3 +275,25 @@ def test_a_plan_shows_what_is_gone_in_its_colour(removed, tmp_path):
     whole = removed._replace(mismatches=(), elements=tuple(one._replace(verdict="present") for one in removed.elements))
     assert vermillion(whole) == 0
     assert vermillion(removed) > 200
+
+
+def test_a_number_in_the_plan_stands_away_from_the_sensor(sparse):
+    """The name of a scan stands below its sensor."""
+    one = sparse.mismatches[0]
+    for way in ([1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]):
+        at = (*(np.asarray(one.center)[:2] - way), *sparse.scans[0].pose[2:])
+        scans = (sparse.scans[0]._replace(pose=tuple(map(float, at))),)
+        axes = draw_plan(sparse._replace(mismatches=(one,), scans=scans)).axes[0]
+        (number,) = (text for text in axes.texts if text.get_text() == "1")
+        np.testing.assert_array_equal(np.sign(number.xyann), way)
+
+
+def test_a_number_in_a_panorama_stands_on_its_box_behind_the_sensor_too(sparse, tmp_path):
+    x, y, z, _, _ = sparse.scans[0].pose
+    one = next(one for one in sparse.mismatches if one.object_type == "pillar")
+    toward = np.degrees(np.arctan2(one.center[1] - y, one.center[0] - x))
+    for aside in (-3.0, 2.0):
+        scans = (sparse.scans[0]._replace(pose=(x, y, z, float(toward) + 180.0 + aside, 0.0)),)
+        figure = probability_figure(sparse._replace(scans=scans, mismatches=(one,)), tmp_path / "p.png")
+        texts = [text for axes in figure.axes for text in axes.texts if text.get_text() == "1"]
+        assert texts and all(abs(text.get_position()[0]) > 150.0 for text in texts)
