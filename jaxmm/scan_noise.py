@@ -14,11 +14,14 @@ from jaxmm.scan_rays import PosedScan, drawn
 from warp_scanner.planes import FEW, on_planes
 
 NEIGHBOURS = 25  # itself included
+LEFT = (
+    1.0,
+    0.3,
+)  # of the noise, where ranges settle first and again: a fit of so many errs by a fifth, at edges by more
 OF_NOISE = 13  # and where noise is measured
 LEAST_MARGIN = 0.01  # [m] surfaces are no planes
 LEAST_GAIN = 0.005  # [m] a range that errs by less is better than that of the plane: a shaft is round
 MOST_STRAY = 0.2  # share of the points; of a scan with more, planes tell nothing
-ROUNDS = 3  # of settling
 SAMPLED = 6000  # rays that tell of the noise
 AROUND = 0.5  # [m] within which ranges may err
 EXACT = 1e-4  # [m] ranges that err by less are left as they are: nobody measured them
@@ -49,13 +52,11 @@ def settled(scan: PosedScan) -> Settled:
     reach = np.linalg.norm(offset, axis=1)
     direction = offset / reach[:, None]
     tree = cKDTree(direction)
-    chosen = np.random.default_rng(0).choice(len(reach), min(len(reach), SAMPLED), replace=False)
-    noise = _noise(direction, reach, chosen, tree.query(direction[chosen], OF_NOISE, workers=-1)[1])
+    noise = _noise(tree, direction, reach)
     sigma = float(sigma_at(noise, np.median(reach)))
     if sigma < EXACT:
         return Settled(scan, sigma, 0.0)
-    near = tree.query(direction, NEIGHBOURS, workers=-1)[1]
-    distance = _distances(direction, reach, near, chosen, noise)
+    distance = _distances(direction, reach, sigma_at(noise, reach), tree.query(direction, NEIGHBOURS, workers=-1)[1])
     kept = np.isfinite(distance)
     stray = float(1.0 - kept.mean())
     if stray > MOST_STRAY:
@@ -64,27 +65,24 @@ def settled(scan: PosedScan) -> Settled:
     return Settled(scan._replace(points=places.astype(np.float32)), sigma, stray)
 
 
-def _distances(
-    direction: np.ndarray, reach: np.ndarray, near: np.ndarray, chosen: np.ndarray, noise: Noise
-) -> np.ndarray:
-    """Ranges (N,) [m] after some rounds, inf of what hangs between surfaces.
+def _distances(direction: np.ndarray, reach: np.ndarray, sigma: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Ranges (N,) [m] on planes, inf of what hangs between surfaces.
 
-    In the first round margins are as wide as the noise, and much fits that does not belong. What has settled errs less:
-    how much, is measured again, and what still hangs about shows.
+    At first margins are as wide as the noise, and at edges much fits that does not belong. What has settled errs less,
+    so it settles once more, within what is left of the noise: what still hangs about shows, and the rest lies quieter.
     """
-    errs, distance = sigma_at(noise, reach) > LEAST_GAIN, reach
-    for turn in range(ROUNDS if errs.any() else 1):
-        if turn:
-            back = chosen[np.isfinite(distance[chosen])]
-            noise = _noise(direction, distance, back, near[back, :OF_NOISE])
-        found = on_planes(direction, distance, LEAST_MARGIN + SIGMAS * sigma_at(noise, reach), near)
+    errs, distance = sigma > LEAST_GAIN, reach
+    for left in LEFT if errs.any() else LEFT[:1]:
+        found = on_planes(direction, distance, LEAST_MARGIN + SIGMAS * left * sigma, near)
         distance = np.where(found.support >= FEW, np.where(errs, found.distance, distance), np.inf)
     return distance
 
 
-def _noise(direction: np.ndarray, reach: np.ndarray, chosen: np.ndarray, near: np.ndarray) -> Noise:
-    """How ranges (N,) err about the planes around them: around S chosen ones, with their neighbours (S, K)."""
-    found = on_planes(direction, reach, np.full(len(reach), AROUND), near, chosen, np.inf)
+def _noise(tree: cKDTree, direction: np.ndarray, reach: np.ndarray) -> Noise:
+    """How the ranges err about the planes around them."""
+    chosen = np.random.default_rng(0).choice(len(reach), min(len(reach), SAMPLED), replace=False)
+    near = tree.query(direction[chosen], OF_NOISE, workers=-1)[1]
+    found = on_planes(direction, reach, np.full(len(reach), AROUND), near, chosen)
     told = found.support >= FEW
     # The plane gives way to the ray itself: in their middle, by its share of them.
     off = (reach[chosen] - found.distance)[told] / np.sqrt(1.0 - 1.0 / found.support[told])

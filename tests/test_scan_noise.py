@@ -1,6 +1,7 @@
 """Scans of sensors that err settle: on a room whose ranges are known, and on the objects found in generated rooms."""
 
 import dataclasses
+import itertools
 import re
 
 import numpy as np
@@ -62,7 +63,7 @@ def test_an_exact_scan_is_given_back_as_it_is(room):
 
 @pytest.mark.parametrize("constant, growth", [(0.01, 0.0), (0.05, 0.0), (0.0, 0.0044)])
 def test_noise_is_measured_and_settles(room, constant, growth):
-    """The errors of what is left are a sixth of what they were, and nothing of the room is lost."""
+    """Ranges settle twice: once, the middle error would be a fifth of what it was. Nothing of the room is lost."""
     direction, reach = room
     sigma = constant + growth * reach**2
     noisy = reach + sigma * np.random.default_rng(0).standard_normal(len(reach))
@@ -70,13 +71,13 @@ def test_noise_is_measured_and_settles(room, constant, growth):
     assert found.sigma == pytest.approx(constant + growth * np.median(reach) ** 2, rel=0.15)
     assert found.stray < 0.02
     before, after = np.abs(noisy - reach), np.abs(off(found.scan, direction, reach))
-    assert np.median(after) < 0.15 * np.median(before)
+    assert np.median(after) < 0.17 * np.median(before)
     assert np.quantile(after, 0.95) < 0.25 * np.quantile(before, 0.95)
 
 
-@pytest.mark.parametrize("sigma, share", [(0.001, 0.15), (0.02, 0.02), (0.05, 0.06)])
+@pytest.mark.parametrize("sigma, share", [(0.001, 0.15), (0.02, 0.06), (0.05, 0.11)])
 def test_what_hangs_between_two_surfaces_is_left_out(room, sigma, share):
-    """Where ranges settle, in several rounds: at first margins are wide."""
+    """Where ranges settle twice: at first margins are wide."""
     direction, reach = room
     hanging, which = mixed(reach)
     noisy = hanging + sigma * np.random.default_rng(0).standard_normal(len(reach))
@@ -84,6 +85,24 @@ def test_what_hangs_between_two_surfaces_is_left_out(room, sigma, share):
     left = np.abs(off(found.scan, direction, reach)) > 0.05 + 3 * sigma
     assert which.sum() > 100 and left.sum() < share * which.sum()
     assert found.stray < which.mean() + 0.02  # what is at a crease has little to stand on
+
+
+@pytest.mark.parametrize("size, lost", [((25, 1.6, 2.8), 0.02), ((25, 2.4, 2.8), 0.02), ((20, 16, 6), 0.15)])
+def test_what_is_far_is_not_lost(size, lost):
+    """A corridor and a hall of which a camera errs by metres at the end, from 0.5 m before one end."""
+    direction, place = OAK_D_PRO_SMALL.directions().astype(np.float64), np.array([0.5, size[1] / 2, 1.2])
+    with np.errstate(divide="ignore"):
+        reach = np.where(direction > 0.0, (size - place) / direction, -place / direction)
+    reach = np.nan_to_num(reach, nan=np.inf).min(axis=1)
+    noisy = reach * (1.0 + 0.0044 * reach * np.random.default_rng(0).standard_normal(len(reach)))
+    scan = scan_of(direction, np.maximum(noisy, 0.2))
+    found = settled(scan)
+    assert found.scan is not scan
+    offset = found.scan.points - np.array(SENSOR)
+    apart = cKDTree(offset / np.linalg.norm(offset, axis=1, keepdims=True)).query(direction)[0]
+    for near, far in itertools.pairwise((0, 6, 8, 10, 15, 25)):
+        within = (reach >= near) & (reach < far)
+        assert np.mean(apart[within] > 1e-4) < lost if within.any() else far > max(size[:2]), (near, far)
 
 
 def test_what_is_no_room_is_given_back_as_it_is(room):

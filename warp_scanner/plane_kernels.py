@@ -8,8 +8,6 @@ NOWHERE = wp.constant(1e30)  # [m] a ray that ends no nearer did not come back
 ROUNDS = wp.constant(3)  # of fits, each to what lies on the plane before
 STEEP = wp.constant(3.7)  # tangent of the incidence up to which neighbours are tried first
 FEW = wp.constant(6)  # rays on a plane, below which another one is sought
-BY_CHANCE = wp.constant(0.1)  # of what a plane spans in depth: with a margin as wide, a few random ranges lie on one
-MOST_OF_ALL = wp.constant(0.8)  # of the neighbours, then: what hangs at an edge is on planes along the rays
 ALONE = wp.constant(8)  # rays as far away that make one: by chance there are some
 LEAST_COSINE = wp.constant(0.2)  # of the angle to a neighbour, which tells of the plane
 RIDGE = wp.constant(wp.float64(1e-6))  # keeps the plane level across neighbours that are all in one line
@@ -24,7 +22,6 @@ class Rays:
     margin: wp.array[wp.float32]  # (P,) [m] within which this range is that of a plane
     chosen: wp.array[wp.int32]  # (S,) of P
     neighbour: wp.array2d[wp.int32]  # (S, K) of P, the chosen ray itself among them
-    steepest: wp.float32  # tangent of the incidence, beyond which a plane is very steep
 
 
 @wp.func
@@ -108,10 +105,6 @@ def fit(rays: Rays, row: int, steep: float):
     settled = reach
     if plane[0] > wp.float64(1e-6):
         settled = float(wp.float64(1.0) / plane[0])
-    spans = float(wp.length(wp.vec2d(plane[1], plane[2])) / plane[0])  # depth from the ray to the farthest, per range
-    if spans * scale > rays.steepest and rays.margin[chosen] > BY_CHANCE * spans * settled:
-        if float(support) < MOST_OF_ALL * float(rays.neighbour.shape[1]):
-            support = 0
     return settled, support
 
 

@@ -11,7 +11,6 @@ import warp as wp
 from warp_scanner import plane_kernels as kernels
 from warp_scanner.launches import load, share, share_out, thread_count
 
-STEEPEST = 6.0  # tangent of the incidence: 80 degrees
 FEW = kernels.FEW  # rays that share a plane by chance are fewer
 
 
@@ -30,7 +29,6 @@ def on_planes(
     margin: np.ndarray,
     neighbour: np.ndarray,
     chosen: np.ndarray | None = None,
-    steepest: float = STEEPEST,
     threads: int | None = None,
 ) -> OnPlanes:
     """Fit a plane to each chosen ray and those of its neighbours that lie on one with it.
@@ -46,8 +44,6 @@ def on_planes(
         margin: (P,) [m] within which each range is that of a plane.
         neighbour: (S, K) int of P: rays close to each chosen one, itself among them.
         chosen: (S,) int of P; None: all.
-        steepest: tangent of the incidence, beyond which four fifths of the neighbours must lie on a plane, unless
-            margins are narrow beside what it spans in depth: at the edge of a thing, mixed ranges lie on such planes.
         threads: how many to use; by default as many as the machine has cores.
 
     Raises:
@@ -73,7 +69,6 @@ def on_planes(
         rays = kernels.Rays()
         rays.direction = share(np.asarray(direction, np.float32), wp.vec3)
         rays.distance, rays.margin = share(distance, wp.float32), share(margin, wp.float32)
-        rays.steepest = float(steepest)
         rays.chosen = share(chosen.astype(np.int32), wp.int32)
         rays.neighbour = share(neighbour.astype(np.int32), wp.int32)
         outputs = [share(found.distance, wp.float32), share(found.support, wp.int32)]
