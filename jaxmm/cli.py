@@ -38,7 +38,11 @@ SCAN_FILES = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code; without arguments, that of this process, which ends with it."""
+    """Run one command and return its exit code.
+
+    Without arguments it is the command of this process, which is taken to end with it: what threads complain about
+    later stays unheard.
+    """
     options = _parser().parse_args(_glued(sys.argv[1:] if arguments is None else arguments))
     if arguments is None and not options.debug:
         # Threads that write checkpoints go on to complain for themselves about an error that is told below, some of

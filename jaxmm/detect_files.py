@@ -123,7 +123,7 @@ def write_all(detection: Detection, prior: Path, out: Path, *, apply: bool = Fal
         detection: what was found.
         prior: its file; an IFC file is also written anew with the changes marked, or made.
         out: folder that does not exist yet, or is empty.
-        apply: delete removed elements instead of marking them; not while a scan may be of another place.
+        apply: delete removed elements instead of marking them; not while a scan may be of another place or pose.
 
     Raises:
         InputError: the folder holds something, or cannot be written.
@@ -184,11 +184,11 @@ def _names(files: list[Path]) -> list[str]:
 def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Reading) -> NamedScan:
     """One scan in its place, with all that was assumed about it."""
     points, pose, source, told = lay(prior, own, reading.unit)
-    notes, sensor, deviation = [*scan.remarks, *told], reading.sensor, None
+    notes, sensor, deviation, doubts = [*scan.remarks, *told], reading.sensor, None, []
     thin = points[thin_clouds([(points - prior.origin).astype(np.float32)], ESTIMATED_FROM)[0]]
     if pose is not None:
         view = (sensor.horizontal_fov, sensor.vertical_fov) if isinstance(sensor, Pinhole) else None
-        notes += doubts_about(points, thin, *pose, view)
+        doubts = doubts_about(points, thin, *pose, view)
     else:
         camera = sensor or OAK_D_PRO
         if not isinstance(camera, Pinhole):
@@ -200,7 +200,7 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
         deviation = tuple(float(value) for value in viewpoint.deviation)
     placed = PosedScan((points - prior.origin).astype(np.float32), pose[0] - prior.origin, pose[1], sensor)
     _check_place(prior, placed, source)
-    return NamedScan(placed, name, len(scan.points), source, deviation, tuple(notes))
+    return NamedScan(placed, name, len(scan.points), source, deviation, (*notes, *doubts), bool(doubts))
 
 
 def _check_place(prior: Prior, scan: PosedScan, source: str) -> None:

@@ -36,6 +36,7 @@ class NamedScan(NamedTuple):
     pose_source: str  # "given", "file" or "estimated"
     deviation: Pose | None = None  # standard deviations of an estimated pose
     notes: tuple[str, ...] = ()
+    doubted: bool = False  # whether its points contradict its pose, as its notes say
 
 
 def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings: DetectSettings) -> Detection:
@@ -196,7 +197,7 @@ def _records(
         pose = _pose_of(fit.scan, prior.origin)
         records.append(ScanRecord(
             one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, (*one.notes, *fit.notes),
-            int(shows[number]), int(alone[number]), bool(fit.notes),
+            int(shows[number]), int(alone[number]), one.doubted or bool(fit.notes),
         ))  # fmt: skip
     return tuple(records)
 

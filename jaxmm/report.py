@@ -69,7 +69,7 @@ class ScanRecord(NamedTuple):
     notes: tuple[str, ...] = ()
     shows: int = 0  # mismatches that some of its rays tell of
     alone: int = 0  # of those: all other scans together have too few rays to tell of so many
-    doubted: bool = False  # whether it may be of another place, as its notes say
+    doubted: bool = False  # whether it may be of another place, or its pose is contradicted, as its notes say
 
 
 class Drawing(NamedTuple):

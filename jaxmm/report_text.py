@@ -77,6 +77,15 @@ def percent(share: float | None) -> str:
     return f"{100.0 * share:.0f} %"
 
 
+def chance(probability: float) -> str:
+    """A probability with three digits; what is nearly sure is not rounded to sure."""
+    if 0.0 < probability < 0.0005:
+        return "less than 0.001"
+    if 0.9995 <= probability < 1.0:
+        return "more than 0.999"
+    return f"{probability:.3f}"
+
+
 def pose_in_words(pose: Pose) -> str:
     """A place and where to look from it."""
     return f"({metres(pose[:3])}), yaw {number(pose[3], 0)}°, pitch {number(pose[4], 0)}°"

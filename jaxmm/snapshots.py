@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, UNDATED, styled
 from jaxmm.report import Detection, Drawing, Mismatch, Pose
+from jaxmm.report_text import chance
 
 FIELD_OF_VIEW = 60.0  # [deg] upright; viewers of BCF are only sure to know 45 to 60
 ASPECT_RATIO = 4 / 3  # width over height
@@ -172,7 +173,7 @@ def _colors(depth: np.ndarray, share: np.ndarray, word: str, change: str) -> np.
 
 def _write_words(axes: Axes, mismatch: Mismatch) -> None:
     back = {"facecolor": "white", "alpha": 0.88, "linewidth": 0, "pad": 4}
-    text = f"{mismatch.object_type} {mismatch.mismatch_type}, probability {mismatch.probability:.2f}"
+    text = f"{mismatch.object_type} {mismatch.mismatch_type}, probability {chance(mismatch.probability)}"
     axes.text(-0.97, 0.95, text, va="top", fontsize=13, color=BLACK, weight="bold", bbox=back)
     for row, (word, color) in enumerate(
         (

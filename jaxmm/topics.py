@@ -11,6 +11,7 @@ from typing import NamedTuple
 from jaxmm.boxes import MISMATCH_TYPES, OBJECT_TYPES
 from jaxmm.evidence import FRACTIONS
 from jaxmm.report import Detection, Mismatch
+from jaxmm.report_text import chance
 from jaxmm.snapshots import Camera, best_scan, camera_at
 
 PRIORITIES = (("High", 0.9), ("Normal", 0.7), ("Low", 0.0))  # by the least probability of each
@@ -93,15 +94,8 @@ def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project
         yield str(uuid.uuid5(family, f"{content}/{seen[content]}"))
 
 
-def _chance(probability: float) -> str:
-    """Three digits; what is nearly sure is not rounded to sure."""
-    if 0.9995 <= probability < 1.0 or 0.0 < probability < 0.0005:
-        return "less than 0.001" if probability < 0.5 else "more than 0.999"
-    return f"{probability:.3f}"
-
-
 def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
-    yield f"The probability that this is real is {_chance(mismatch.probability)}."
+    yield f"The probability that this is real is {chance(mismatch.probability)}."
     if mismatch.observable_fraction is not None:
         yield f"Of the object, {mismatch.observable_fraction:.0%} could be observed."
     if mismatch.element is None:
@@ -113,6 +107,6 @@ def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
     words = [one_line(told.ifc_class), f'"{one_line(told.name)}"' if told.name else "", one_line(told.guid)]
     words.append(f'storey "{one_line(told.storey)}"' if told.storey else "")
     yield f"Element of the model: {', '.join(word for word in words if word)}."
-    yield f"Its verdict is {told.verdict}; the probability that it was removed is {_chance(told.probability)}."
+    yield f"Its verdict is {told.verdict}; the probability that it was removed is {chance(told.probability)}."
     counts = ", ".join(f"{count} {name}" for name, count in zip(FRACTIONS, told.rays, strict=True))
     yield f"Evidence: {told.points} points of the model's scan lie on it; of the robot's rays there, {counts}."

@@ -106,8 +106,13 @@ def test_every_word_of_a_topic_is_declared(written, opened):
     [(1.0, "1.000"), (0.99951, "more than 0.999"), (0.9994, "0.999"), (0.0004, "less than 0.001"), (0.0, "0.000")],
 )
 def test_what_is_nearly_sure_is_not_called_sure(moved, probability, words):
-    sure = moved._replace(mismatches=tuple(one._replace(probability=probability) for one in moved.mismatches))
-    assert all(f"that this is real is {words}." in topic.description for topic in topics_of(sure, ""))
+    sure = moved._replace(
+        mismatches=tuple(one._replace(probability=probability) for one in moved.mismatches),
+        elements=tuple(one._replace(probability=probability) for one in moved.elements),
+    )
+    topics = topics_of(sure, "")
+    assert len(topics) == 3 and all(f"that this is real is {words}." in topic.description for topic in topics)
+    assert sum(f"that it was removed is {words}." in topic.description for topic in topics) == 2
 
 
 def test_description_says_how_sure_and_why(moved):

@@ -169,3 +169,19 @@ def test_nothing_is_deleted_while_a_scan_may_be_of_another_place(tmp_path):
         left = set(read_ifc(out / "updated.ifc").elements.guid)
         assert gone and (gone <= left) == doubted and bool(gone & left) == doubted
         assert load_json(out / "report.json")["scans"][0]["doubted"] is doubted
+
+
+def test_nothing_is_deleted_while_points_contradict_their_pose(room, tmp_path, capsys):
+    pytest.importorskip("ifcopenshell")
+    from jaxmm import cli
+
+    folder, case = room
+    np.save(tmp_path / "a.npy", in_world(folder, "a"))
+    x, y, z, yaw, pitch = case.detection.scans[0].pose
+    for turn in (0.0, 90.0):
+        pose, out = f"--pose={x},{y},{z},{yaw + turn},{pitch}", tmp_path / f"out {turn}"
+        arguments = [case.ifc, tmp_path / "a.npy", pose, "--sensor", "oak-d-pro-small", "--no-refine", "--apply"]
+        assert cli.main(["detect", *map(str, arguments), "--out", str(out)]) == 0
+        told = load_json(out / "report.json")["scans"][0]
+        assert told["doubted"] == bool(turn) == ("marked, not deleted" in capsys.readouterr().out)
+        assert any("outside the sensor's view" in note for note in told["notes"]) == bool(turn)
