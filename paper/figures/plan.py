@@ -12,17 +12,17 @@ from matplotlib.patches import Patch, Polygon
 
 from jaxmm.box_match import footprint
 from jaxmm.boxes import Box
-from jaxmm.figures import BLACK, BLUE, GREEN, PALE, VERMILLION
+from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN, PALE
 
 TRUE, TRUE_EDGE = "#F0E442", "#8A7F00"  # of what really changed; told from the outlines by lightness alone
 REMOVED_LINE = (0, (4, 1.5))  # dashes, so that colour is not needed
-OUTLINE = {"added": GREEN, "removed": BLUE}
+OUTLINE = {"added": COLOR_ADDED, "removed": COLOR_REMOVED}
 
 
 def draw_room(axes: Axes, points: np.ndarray, changed: np.ndarray, title: str) -> None:
-    """The scan in grey, (N, 3), and what a method calls changed, (N,) bool, in vermillion; edges in metres."""
+    """The scan in grey, (N, 3), and what a method calls changed, (N,) bool, in green; edges in metres."""
     axes.scatter(*points[~changed, :2].T, s=1.0, c=PALE, linewidths=0, rasterized=True)
-    axes.scatter(*points[changed, :2].T, s=2.5, c=VERMILLION, linewidths=0, rasterized=True, zorder=3)
+    axes.scatter(*points[changed, :2].T, s=2.5, c=GREEN, linewidths=0, rasterized=True, zorder=3)
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.set_title(title, fontsize=10)
     axes.grid(False)
@@ -53,7 +53,7 @@ def draw_sensor(axes: Axes, position: np.ndarray) -> None:
 def entries() -> list[Patch | Line2D]:
     """What the legend says."""
     return [
-        Line2D([], [], marker="o", linestyle="", color=VERMILLION, markersize=5, label="points called changed"),
+        Line2D([], [], marker="o", linestyle="", color=GREEN, markersize=5, label="points called changed"),
         Patch(facecolor=TRUE, edgecolor=TRUE_EDGE, label="what really changed"),
         Patch(fill=False, edgecolor=OUTLINE["added"], linewidth=2, label="box: added"),
         Patch(fill=False, edgecolor=OUTLINE["removed"], linewidth=2, linestyle=REMOVED_LINE, label="box: removed"),
