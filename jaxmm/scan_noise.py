@@ -14,10 +14,7 @@ from jaxmm.scan_rays import PosedScan, drawn
 from warp_scanner.planes import FEW, on_planes
 
 NEIGHBOURS = 25  # itself included
-LEFT = (
-    1.0,
-    0.3,
-)  # of the noise, where ranges settle first and again: a fit of so many errs by a fifth, at edges by more
+LEFT = 0.3  # of the noise, after ranges have settled: the fit of so many errs by a fifth of it, at edges by more
 OF_NOISE = 13  # and where noise is measured
 LEAST_MARGIN = 0.01  # [m] surfaces are no planes
 LEAST_GAIN = 0.005  # [m] a range that errs by less is better than that of the plane: a shaft is round
@@ -68,13 +65,16 @@ def settled(scan: PosedScan) -> Settled:
 def _distances(direction: np.ndarray, reach: np.ndarray, sigma: np.ndarray, near: np.ndarray) -> np.ndarray:
     """Ranges (N,) [m] on planes, inf of what hangs between surfaces.
 
-    At first margins are as wide as the noise, and at edges much fits that does not belong. What has settled errs less,
-    so it settles once more, within what is left of the noise: what still hangs about shows, and the rest lies quieter.
+    Margins are as wide as the noise, and where that is wide, much fits at edges that does not belong. What has settled
+    errs less: where that is still too much, it settles once more, within narrower margins, and what hangs about shows.
     """
-    errs, distance = sigma > LEAST_GAIN, reach
-    for left in LEFT if errs.any() else LEFT[:1]:
-        found = on_planes(direction, distance, LEAST_MARGIN + SIGMAS * left * sigma, near)
-        distance = np.where(found.support >= FEW, np.where(errs, found.distance, distance), np.inf)
+    found = on_planes(direction, reach, LEAST_MARGIN + SIGMAS * sigma, near)
+    distance = np.where(found.support >= FEW, np.where(sigma > LEAST_GAIN, found.distance, reach), np.inf)
+    left = LEFT * sigma
+    errs = left > LEAST_GAIN
+    if errs.any():
+        found = on_planes(direction, distance, LEAST_MARGIN + SIGMAS * left, near)
+        distance = np.where(errs, np.where(found.support >= FEW, found.distance, np.inf), distance)
     return distance
 
 

@@ -61,9 +61,9 @@ def test_an_exact_scan_is_given_back_as_it_is(room):
     assert found.scan is scan and found.sigma < EXACT and found.stray == 0.0
 
 
-@pytest.mark.parametrize("constant, growth", [(0.01, 0.0), (0.05, 0.0), (0.0, 0.0044)])
-def test_noise_is_measured_and_settles(room, constant, growth):
-    """Ranges settle twice: once, the middle error would be a fifth of what it was. Nothing of the room is lost."""
+@pytest.mark.parametrize("constant, growth, left", [(0.01, 0.0, 0.23), (0.05, 0.0, 0.17), (0.0, 0.0044, 0.17)])
+def test_noise_is_measured_and_settles(room, constant, growth, left):
+    """Once where that is enough, else twice, which leaves less of the middle error; nothing of the room is lost."""
     direction, reach = room
     sigma = constant + growth * reach**2
     noisy = reach + sigma * np.random.default_rng(0).standard_normal(len(reach))
@@ -71,7 +71,7 @@ def test_noise_is_measured_and_settles(room, constant, growth):
     assert found.sigma == pytest.approx(constant + growth * np.median(reach) ** 2, rel=0.15)
     assert found.stray < 0.02
     before, after = np.abs(noisy - reach), np.abs(off(found.scan, direction, reach))
-    assert np.median(after) < 0.17 * np.median(before)
+    assert np.median(after) < left * np.median(before)
     assert np.quantile(after, 0.95) < 0.25 * np.quantile(before, 0.95)
 
 
