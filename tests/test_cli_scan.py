@@ -137,7 +137,7 @@ def test_a_file_that_cannot_be_written_is_named(house, tmp_path, monkeypatch, re
 def test_a_file_that_the_system_refuses_to_grow_is_named(house, tmp_path, suffix):
     out = tmp_path / f"scan.{suffix}"
     code = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
-    code += "from jaxmm import cli; sys.exit(cli.main(sys.argv[1:]))"
+    code += "from jaxmm import cli; sys.exit(cli.main())"
     arguments = ["scan", house, "--pose", "-1,0,1.5,0", *HOUSE, "--out", out]
     done = subprocess.run([sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True)
     assert done.returncode == 2, done.stderr
