@@ -154,7 +154,7 @@ def to_json(detection: Detection) -> dict[str, Any]:
 
 
 def _mismatch(one: Mismatch) -> dict[str, Any]:
-    told = one._asdict() | {"probability": round(one.probability, 6)}
+    told = one._asdict() | {"probability": told_probability(one.probability)}
     del told["told_by"]
     return _plain(told)
 
@@ -163,7 +163,12 @@ def _element(one: ElementVerdict) -> dict[str, Any]:
     evidence = {"points": one.points} | dict(zip(FRACTIONS, one.rays, strict=True))
     told = one._asdict()
     del told["points"], told["rays"]
-    return _plain(told | {"evidence": evidence, "probability": round(one.probability, 6)})
+    return _plain(told | {"evidence": evidence, "probability": told_probability(one.probability)})
+
+
+def told_probability(value: float) -> float:
+    """With six digits, as all numbers; what is nearly sure, or nearly excluded, is not rounded to it."""
+    return min(max(round(value, 6), 1e-6), 1.0 - 1e-6) if 0.0 < value < 1.0 else value
 
 
 def _prior(one: PriorFile | None) -> dict[str, Any] | None:

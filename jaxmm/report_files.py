@@ -15,7 +15,7 @@ import numpy as np
 from jaxmm.evidence import BLOCKED, FRACTIONS, SUPPORT, THROUGH, UNSEEN
 from jaxmm.files import write_atomically, write_json, write_text
 from jaxmm.mismatch_points import mismatch_points
-from jaxmm.report import Detection, ElementVerdict, Mismatch, to_json
+from jaxmm.report import Detection, ElementVerdict, Mismatch, to_json, told_probability
 from jaxmm.report_text import as_markdown, printable
 
 PLAIN_FILES = ("report.json", "report.md", "sentences.txt", "mismatches.csv", "elements.csv", "mismatches.ply")
@@ -67,8 +67,8 @@ def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
         origin = None if one.moved_from is None else one.moved_from + 1
         rows.append([
             number, one.mismatch_type, one.object_type, one.shape, *map(float, one.center),
-            *map(float, one.dimensions), float(one.rotation), float(one.probability), one.observable_fraction,
-            one.element, origin,
+            *map(float, one.dimensions), float(one.rotation), told_probability(one.probability),
+            one.observable_fraction, one.element, origin,
         ])  # fmt: skip
     return _as_csv(MISMATCH_COLUMNS, rows)
 
@@ -78,8 +78,8 @@ def elements_csv(elements: Iterable[ElementVerdict]) -> str:
     rows = []
     for one in elements:
         rows.append([
-            one.guid, one.ifc_class, one.name, one.storey, one.verdict, float(one.probability), one.points, *one.rays,
-            *(one.next_view or [None] * 5),
+            one.guid, one.ifc_class, one.name, one.storey, one.verdict, told_probability(one.probability), one.points,
+            *one.rays, *(one.next_view or [None] * 5),
         ])  # fmt: skip
     return _as_csv(ELEMENT_COLUMNS, rows)
 

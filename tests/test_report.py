@@ -1,6 +1,8 @@
 """report.json: whatever was found, the file is valid against the schema that ships and says the same numbers."""
 
 import copy
+import csv
+import io
 import json
 import math
 from pathlib import Path
@@ -12,6 +14,7 @@ from detections import true_case
 import jaxmm
 from jaxmm.evidence import FRACTIONS
 from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord, to_json
+from jaxmm.report_files import elements_csv, mismatches_csv
 from jaxmm.verdicts import VERDICTS
 
 jsonschema = pytest.importorskip("jsonschema")
@@ -110,6 +113,22 @@ def test_every_detection_gives_a_valid_report():
     for seed in range(300):
         report = json.loads(json.dumps(to_json(random_detection(seed)), allow_nan=False))
         assert [error.message for error in validator.iter_errors(report)] == []
+
+
+def test_what_is_nearly_sure_is_not_told_as_sure():
+    for sure, told in ((1.0 - 3e-7, 0.999999), (3e-7, 1e-6), (1.0, 1.0), (0.0, 0.0), (0.1234567, 0.123457)):
+        detection = random_detection(3)
+        detection = detection._replace(
+            mismatches=tuple(one._replace(probability=sure, moved_from=None) for one in detection.mismatches),
+            elements=tuple(one._replace(probability=sure) for one in detection.elements),
+        )
+        assert detection.mismatches and detection.elements
+        report = to_json(detection)
+        assert {one["probability"] for one in report["mismatches"] + report["elements"]} == {told}
+        tables = {"probability": mismatches_csv(detection.mismatches)}
+        tables["probability_removed"] = elements_csv(detection.elements)
+        for column, table in tables.items():
+            assert {float(row[column]) for row in csv.DictReader(io.StringIO(table))} == {told}
 
 
 def test_the_report_says_the_numbers_of_the_detection():
