@@ -18,6 +18,9 @@ LEFT = 0.3  # of the noise, after ranges have settled: the fit of so many errs b
 OF_NOISE = 13  # and where noise is measured
 LEAST_MARGIN = 0.01  # [m] surfaces are no planes
 LEAST_GAIN = 0.005  # [m] a range that errs by less is better than that of the plane: a shaft is round
+ALIKE = 0.05, 0.02  # [m], and of the range: within the larger one, ranges are alike
+FEW_ALIKE, MOST_AROUND = 7, 16  # of NEIGHBOURS: fewer ranges are alike, and fewer on one plane, in a trail
+MOST_LEFT = 0.04  # [m] where more is left of the noise, ranges are as unlike on any surface
 MOST_STRAY = 0.2  # share of the points; of a scan with more, planes tell nothing
 SAMPLED = 6000  # rays that tell of the noise
 AROUND = 0.5  # [m] within which ranges may err
@@ -75,7 +78,23 @@ def _distances(direction: np.ndarray, reach: np.ndarray, sigma: np.ndarray, near
     if errs.any():
         found = on_planes(direction, distance, LEAST_MARGIN + SIGMAS * left, near)
         distance = np.where(errs, np.where(found.support >= FEW, found.distance, np.inf), distance)
+        asked = np.flatnonzero(errs & (left < MOST_LEFT) & np.isfinite(distance))
+        distance[_trailing(asked, direction, distance, LEAST_MARGIN + SIGMAS * LEFT * left, near)] = np.inf
     return distance
+
+
+def _trailing(
+    rows: np.ndarray, direction: np.ndarray, distance: np.ndarray, margin: np.ndarray, near: np.ndarray
+) -> np.ndarray:
+    """Those of some rows of the ranges (N,) [m] that hang in the line of sight behind, or before, the edge of a thing.
+
+    Mixed ranges along an edge share a plane through the sensor by chance. Unlike those of a wall that is seen at such
+    an angle they are few: neither are most rays around on that plane, nor do those along the edge end beside them.
+    """
+    beside, own = distance[near[rows]], distance[rows, None]
+    rows = rows[np.sum(np.abs(beside - own) < np.maximum(ALIKE[0], ALIKE[1] * own), axis=1) < FEW_ALIKE]
+    found = on_planes(direction, distance, margin, near[rows], rows)
+    return rows[found.support < MOST_AROUND]
 
 
 def _noise(tree: cKDTree, direction: np.ndarray, reach: np.ndarray) -> Noise:
