@@ -74,12 +74,12 @@ def _distances(direction: np.ndarray, reach: np.ndarray, sigma: np.ndarray, near
     found = on_planes(direction, reach, LEAST_MARGIN + SIGMAS * sigma, near)
     distance = np.where(found.support >= FEW, np.where(sigma > LEAST_GAIN, found.distance, reach), np.inf)
     left = LEFT * sigma
-    errs = left > LEAST_GAIN
-    if errs.any():
-        found = on_planes(direction, distance, LEAST_MARGIN + SIGMAS * left, near)
-        distance = np.where(errs, np.where(found.support >= FEW, found.distance, np.inf), distance)
-        asked = np.flatnonzero(errs & (left < MOST_LEFT) & np.isfinite(distance))
-        distance[_trailing(asked, direction, distance, LEAST_MARGIN + SIGMAS * LEFT * left, near)] = np.inf
+    rows = np.flatnonzero(left > LEAST_GAIN)
+    if len(rows):
+        found = on_planes(direction, distance, LEAST_MARGIN + SIGMAS * left, near[rows], rows)
+        distance[rows] = np.where(found.support >= FEW, found.distance, np.inf)
+        rows = rows[(left[rows] < MOST_LEFT) & np.isfinite(distance[rows])]
+        distance[_trailing(rows, direction, distance, LEAST_MARGIN + SIGMAS * LEFT * left, near)] = np.inf
     return distance
 
 
