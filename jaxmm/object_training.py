@@ -33,7 +33,6 @@ from jaxmm.object_shapes import outside
 from jaxmm.objects import ObjectSettings, examine
 from jaxmm.progress import bar_of
 from jaxmm.room_scans import RoomCase, as_cloud, room_cases, true_boxes
-from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import rays_of_scan
 from jaxmm.weights import DEFAULT
 
@@ -126,7 +125,7 @@ def _floored(limit: float) -> np.float32:
 def _examples_of_room(case: RoomCase, judges: Judges, of_cloud: bool, draw: np.random.Generator) -> Examples:
     prior = as_cloud(case) if of_cloud else case.prior
     try:
-        looked = look_at(prior, rays_of_scan(settled(case.scan).scan), judges)[0]
+        looked = look_at(prior, rays_of_scan(case.scan), judges)[0]
     except InputError:  # hardly anything of the cloud in view
         return _joined([])
     parts = []
