@@ -90,7 +90,7 @@ def _settled(one: NamedScan) -> NamedScan:
         return one._replace(notes=(*one.notes, note))
     note = (
         f"its ranges err by {found.sigma * 1000:.{1 if found.sigma < 0.01 else 0}f} mm: settled on the planes around "
-        f"them; {found.stray:.1%} of the points, on none, were left out"
+        f"them; {found.stray:.1%} of the points, between surfaces or behind edges, were left out"
     )
     return one._replace(scan=found.scan, notes=(*one.notes, note))
 

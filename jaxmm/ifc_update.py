@@ -16,7 +16,7 @@ from jaxmm.ifc_objects import add_object, contain, flaw_of, ground_of
 from jaxmm.ifc_removal import delete, hanging_on
 from jaxmm.ifc_undo import UPDATED, sha256, write_with_undo
 from jaxmm.inputs import InputError
-from jaxmm.report import Detection, ElementVerdict, Mismatch, box_of
+from jaxmm.report import Detection, ElementVerdict, Mismatch, box_of, told_probability
 from jaxmm.verdicts import OCCLUDED, REMOVED
 from warp_scanner.ifc_model import import_ifcopenshell
 
@@ -165,7 +165,7 @@ class _Update:
     def _mark(self, element: Any, verdict: str | None, probability: float | None, **more: Any) -> None:
         values = {
             "Verdict": verdict,
-            "Probability": _known(probability),
+            "Probability": None if _known(probability) is None else told_probability(probability),
             **more,
             "Scans": tuple(one.file for one in self.detection.scans),
             "Date": self.draft.when.isoformat(timespec="seconds"),

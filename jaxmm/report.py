@@ -167,7 +167,8 @@ def _element(one: ElementVerdict) -> dict[str, Any]:
 
 
 def told_probability(value: float) -> float:
-    """With six digits, as all numbers; what is nearly sure, or nearly excluded, is not rounded to it."""
+    """A probability to six digits; what is nearly sure, or nearly excluded, is not rounded to it. NaN stays NaN."""
+    value = float(value)
     return min(max(round(value, 6), 1e-6), 1.0 - 1e-6) if 0.0 < value < 1.0 else value
 
 

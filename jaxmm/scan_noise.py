@@ -1,4 +1,4 @@
-"""Scans of sensors that err: ranges settle on the planes around them, and what hangs between surfaces is left out.
+"""Scans of sensors that err: ranges settle on the planes around them; what hangs at edges is left out.
 
 A depth camera errs by centimetres from pixel to pixel, and at the edge of a thing every sensor mixes the ranges of both
 sides of the edge. What is near on the sensor is mostly on one plane. N points, K rays closest to one, itself included.
@@ -18,9 +18,10 @@ LEFT = 0.3  # of the noise, after ranges have settled: the fit of so many errs b
 OF_NOISE = 13  # and where noise is measured
 LEAST_MARGIN = 0.01  # [m] surfaces are no planes
 LEAST_GAIN = 0.005  # [m] a range that errs by less is better than that of the plane: a shaft is round
-ALIKE = 0.05, 0.02  # [m], and of the range: within the larger one, ranges are alike
-FEW_ALIKE, MOST_AROUND = 7, 16  # of NEIGHBOURS: fewer ranges are alike, and fewer on one plane, in a trail
-MOST_LEFT = 0.04  # [m] where more is left of the noise, ranges are as unlike on any surface
+LEFT_TWICE = 0.16  # of the noise, after they have settled twice: with the same neighbours as before
+ALIKE, ALIKE_SHARE = 0.05, 0.02  # [m], and of the range: what differs by less than the larger is alike
+LEAST_ALIKE, LEAST_AROUND = 7, 16  # of NEIGHBOURS: in a trail fewer ranges are alike, and fewer on one plane
+MOST_LEFT = 0.04  # [m] after they have settled once; with more, those of any slanting surface are unlike
 MOST_STRAY = 0.2  # share of the points; of a scan with more, planes tell nothing
 SAMPLED = 6000  # rays that tell of the noise
 AROUND = 0.5  # [m] within which ranges may err
@@ -33,11 +34,11 @@ class Settled(NamedTuple):
 
     scan: PosedScan
     sigma: float  # [m] standard deviation of its ranges, at the middle one of them
-    stray: float  # share of its points that hang between surfaces
+    stray: float  # share of its points that hang between surfaces, or trail behind edges
 
 
 def settled(scan: PosedScan) -> Settled:
-    """The scan with every range on the plane that it shares with its neighbours, and without those that share none.
+    """The scan with every range on the plane that it shares with its neighbours, without what hangs at edges.
 
     A scan whose ranges do not err, as a simulated one, is given back as it is; so is one of which too much would be
     left out, as of leaves.
@@ -70,6 +71,7 @@ def _distances(direction: np.ndarray, reach: np.ndarray, sigma: np.ndarray, near
 
     Margins are as wide as the noise, and where that is wide, much fits at edges that does not belong. What has settled
     errs less: where that is still too much, it settles once more, within narrower margins, and what hangs about shows.
+    What still trails behind edges is left out last.
     """
     found = on_planes(direction, reach, LEAST_MARGIN + SIGMAS * sigma, near)
     distance = np.where(found.support >= FEW, np.where(sigma > LEAST_GAIN, found.distance, reach), np.inf)
@@ -79,22 +81,24 @@ def _distances(direction: np.ndarray, reach: np.ndarray, sigma: np.ndarray, near
         found = on_planes(direction, distance, LEAST_MARGIN + SIGMAS * left, near[rows], rows)
         distance[rows] = np.where(found.support >= FEW, found.distance, np.inf)
         rows = rows[(left[rows] < MOST_LEFT) & np.isfinite(distance[rows])]
-        distance[_trailing(rows, direction, distance, LEAST_MARGIN + SIGMAS * LEFT * left, near)] = np.inf
+        trail = _trailing(rows, direction, distance, LEAST_MARGIN + SIGMAS * LEFT_TWICE * sigma, near)
+        distance[trail] = np.inf
     return distance
 
 
 def _trailing(
     rows: np.ndarray, direction: np.ndarray, distance: np.ndarray, margin: np.ndarray, near: np.ndarray
 ) -> np.ndarray:
-    """Those of some rows of the ranges (N,) [m] that hang in the line of sight behind, or before, the edge of a thing.
+    """Those of some rows of the ranges (N,) [m] that may hang in the line of sight behind, or before, an edge.
 
     Mixed ranges along an edge share a plane through the sensor by chance. Unlike those of a wall that is seen at such
-    an angle they are few: neither are most rays around on that plane, nor do those along the edge end beside them.
+    an angle they are few: neither are most rays around on that plane, nor do those along the edge end beside them. At
+    the rim of a slanting surface a few right ones go with them, about one ray in a thousand.
     """
     beside, own = distance[near[rows]], distance[rows, None]
-    rows = rows[np.sum(np.abs(beside - own) < np.maximum(ALIKE[0], ALIKE[1] * own), axis=1) < FEW_ALIKE]
+    rows = rows[np.sum(np.abs(beside - own) < np.maximum(ALIKE, ALIKE_SHARE * own), axis=1) < LEAST_ALIKE]
     found = on_planes(direction, distance, margin, near[rows], rows)
-    return rows[found.support < MOST_AROUND]
+    return rows[found.support < LEAST_AROUND]
 
 
 def _noise(tree: cKDTree, direction: np.ndarray, reach: np.ndarray) -> Noise:

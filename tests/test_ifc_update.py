@@ -159,6 +159,12 @@ def test_a_walls_own_x_runs_along_it(room, tmp_path):
     np.testing.assert_allclose(matrix[:3, 0], [-0.5, math.sqrt(3) / 2, 0.0], atol=1e-12)  # 30 deg + 90 deg
 
 
+def test_the_mark_of_what_is_nearly_sure_does_not_say_sure(room, tmp_path):
+    wall = ifcopenshell.open(str(room)).by_type("IfcWall")[0]
+    _, model = update(room, found(removed(wall)._replace(probability=1.0 - 3e-7)), tmp_path)
+    assert own_set(model, wall.GlobalId)["Probability"] == 0.999999
+
+
 def test_the_mark_tells_where_it_comes_from(room, tmp_path):
     model = ifcopenshell.open(str(room))
     wall, other = model.by_type("IfcWall")[:2]

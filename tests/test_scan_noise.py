@@ -69,7 +69,7 @@ def test_noise_is_measured_and_settles(room, constant, growth, left):
     noisy = reach + sigma * np.random.default_rng(0).standard_normal(len(reach))
     found = settled(scan_of(direction, noisy))
     assert found.sigma == pytest.approx(constant + growth * np.median(reach) ** 2, rel=0.15)
-    assert found.stray < 0.02
+    assert found.stray < 0.005
     before, after = np.abs(noisy - reach), np.abs(off(found.scan, direction, reach))
     assert np.median(after) < left * np.median(before)
     assert np.quantile(after, 0.95) < 0.25 * np.quantile(before, 0.95)
@@ -79,14 +79,17 @@ def test_noise_is_measured_and_settles(room, constant, growth, left):
     "constant, growth, share", [(0.001, 0.0, 0.03), (0.02, 0.0, 0.02), (0.05, 0.0, 0.07), (0.0, 0.0044, 0.15)]
 )
 def test_what_hangs_between_two_surfaces_is_left_out(room, constant, growth, share):
-    """Where ranges settle twice, too: at first margins are wide, and what hangs in a line of sight shares a plane."""
+    """Where ranges settle twice, too: at first margins are wide, and what hangs in a line of sight shares a plane.
+
+    Ranges that err by 1 mm settle once. What is 0.15 m off hangs: where the camera looks, noise leaves less.
+    """
     direction, reach = room
     hanging, which = mixed(reach)
     noisy = hanging + (constant + growth * reach**2) * np.random.default_rng(0).standard_normal(len(reach))
     found = settled(scan_of(direction, noisy))
     left = np.abs(off(found.scan, direction, reach)) > 0.15
     assert which.sum() > 100 and left.sum() < share * which.sum()
-    assert found.stray < which.mean() + 0.02  # what is at a crease has little to stand on
+    assert found.stray < which.mean() + 0.005  # what is at a crease has little to stand on
 
 
 @pytest.mark.parametrize("size, lost", [((25, 1.6, 2.8), 0.02), ((25, 2.4, 2.8), 0.02), ((20, 16, 6), 0.15)])
