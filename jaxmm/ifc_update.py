@@ -4,6 +4,7 @@ Removed elements are marked, or deleted when asked; occluded ones are marked; ad
 Present and unscanned elements are not touched. The file that was read is never written to.
 """
 
+import math
 from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
@@ -150,7 +151,7 @@ class _Update:
             )
             if self._times[guid] == 1:
                 verdict = self._verdicts.get(guid)
-                known = (verdict.verdict, verdict.probability) if verdict else (None, None)
+                known = (verdict.verdict, verdict.probability) if verdict else (None, math.nan)
                 self._mark(element, *known, Note="its host was removed")
                 what += " and marked"
             self.notes.append(what)
@@ -162,10 +163,10 @@ class _Update:
             self._mark(element, one.verdict, one.probability)
         return element is not None
 
-    def _mark(self, element: Any, verdict: str | None, probability: float | None, **more: Any) -> None:
+    def _mark(self, element: Any, verdict: str | None, probability: float, **more: Any) -> None:
         values = {
             "Verdict": verdict,
-            "Probability": None if _known(probability) is None else told_probability(probability),
+            "Probability": _known(told_probability(probability)),
             **more,
             "Scans": tuple(one.file for one in self.detection.scans),
             "Date": self.draft.when.isoformat(timespec="seconds"),
