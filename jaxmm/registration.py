@@ -40,7 +40,7 @@ class Registration(NamedTuple):
     residual_before: float  # the same at the start; both NaN where nothing matches
     overlap: float  # share of the scan's points that match
     overlap_before: float  # the same at the start
-    upright: float  # of its points on walls and the like that are asked, the share that match walls; NaN without any
+    upright: float  # of its points on walls and the like that are asked, the share that lies on walls; NaN without any
     asked: float  # share of its points on walls that are asked: 1, or those that the prior could show; NaN without any
 
 
@@ -62,7 +62,14 @@ class _Fit(NamedTuple):
 
     @property
     def upright(self) -> float:
-        return float(self.on_wall[self.wall].mean()) if self.wall.any() else np.nan
+        """Share of the points on walls that lies on walls, those left out that match by chance; NaN without any.
+
+        Chance spreads evenly over what counts as a match: in the inner half lie as many of those as in the outer one.
+        """
+        if not self.wall.any():
+            return np.nan
+        match = np.abs(self.off[self.wall & self.on_wall])
+        return max(0.0, float(np.sum(match < CUT / 2) - np.sum(match >= CUT / 2))) / int(self.wall.sum())
 
 
 def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sight_only: bool = False) -> Registration:
@@ -150,7 +157,7 @@ def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
     A pose that is off is off in more directions than the one which a missing wall leaves open: then what stands behind
     that wall is no reason to move the scan onto its place.
     """
-    if start.on_wall.sum() < LEAST_WALLS or start.upright < LEAST_SHARE or not best.on_wall.any():
+    if start.on_wall.sum() < max(LEAST_WALLS, LEAST_SHARE * start.wall.sum()) or not best.on_wall.any():
         return False
     before, after = (float(np.sqrt(np.mean(np.square(fit.off[fit.on_wall])))) for fit in (start, best))
     return before <= AS_CLOSE[0] * after + AS_CLOSE[1]

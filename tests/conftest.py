@@ -14,6 +14,10 @@ import pytest
 # Before JAX is imported, here and in every process that tests start: compiling takes longer than what is compiled.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+# Two processes share two cores: threads within each would wait for those of the other.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
 
 TINY_RUN = """
 [data]
@@ -45,11 +49,12 @@ resamples = 100
 
 # These take one whole run of the main job, which is then made once: they go to one process.
 ONE_RUN = ("test_reproduce.py", "test_cli.py", "test_cli_thesis.py", "test_thesis_rows.py")
-# These take longest, and come first: whoever is done early takes the short ones.
+# These take longest, and come first: whoever is done early takes the short ones. Before all come those that need no
+# Warp, so that the process beside them compiles the kernels alone, and once.
 LONG = (
-    *ONE_RUN, "test_notebooks.py", "test_train.py", "test_engines.py", "test_generate.py", "test_cli_detect.py",
-    "test_detect_files.py",
-    "test_viewpoint.py", "test_paper_figures.py", "test_fused.py", "test_fit.py", "test_joint.py",
+    *ONE_RUN, "test_train.py", "test_joint.py", "test_fused.py", "test_fit.py",
+    "test_notebooks.py", "test_engines.py", "test_generate.py", "test_cli_detect.py", "test_detect_files.py",
+    "test_viewpoint.py", "test_paper_figures.py",
     "test_building_pairs.py", "test_fuzz.py", "test_page_browser.py", "test_buildings.py", "test_runs.py",
     "test_meshes.py", "test_detection.py", "test_figures.py", "test_changes.py",
 )  # fmt: skip
