@@ -8,7 +8,7 @@ from typing import Any
 from jaxmm.boxes import BoxSettings
 from jaxmm.config import ConfigError, bounded, build, one_of
 from jaxmm.objects import ObjectSettings
-from jaxmm.placement import FitLimits
+from jaxmm.placement import OF_CLOUDS, FitLimits
 from jaxmm.verdicts import VerdictSettings
 
 PRESETS = ("default", "thesis")
@@ -29,7 +29,7 @@ class DetectSettings:
     boxes: BoxSettings = BoxSettings()  # how the thesis does
     verdicts: VerdictSettings = VerdictSettings()
     limits: FitLimits = FitLimits()  # of a building as prior
-    cloud_limits: FitLimits = FitLimits()  # of a point cloud as prior
+    cloud_limits: FitLimits = OF_CLOUDS  # of a point cloud as prior
 
     def __post_init__(self):
         if unknown := set(self.classes) - set(CLASSES):

@@ -40,8 +40,9 @@ class Registration(NamedTuple):
     residual_before: float  # the same at the start; both NaN where nothing matches
     overlap: float  # share of the scan's points that match
     overlap_before: float  # the same at the start
-    upright: float  # of its points on walls and the like that are asked, the share that lies on walls; NaN without any
+    upright: float  # of its points on walls and the like that are asked, the share that match walls; NaN without any
     asked: float  # share of its points on walls that are asked: 1, or those that the prior could show; NaN without any
+    closely: float  # `upright` less what may match by chance: 0 where that may be all of it, and without any walls
 
 
 class _Fit(NamedTuple):
@@ -62,14 +63,18 @@ class _Fit(NamedTuple):
 
     @property
     def upright(self) -> float:
-        """Share of the points on walls that lies on walls, those left out that match by chance; NaN without any.
+        return float(self.on_wall[self.wall].mean()) if self.wall.any() else np.nan
 
-        Chance spreads evenly over what counts as a match: in the inner half lie as many of those as in the outer one.
+    @property
+    def closely(self) -> float:
+        """Share of the points on walls that lies close to walls, less as many as lie about walls, but not close.
+
+        Walls of another place lie anywhere about these, within CUT: about as many in the outer half of it as in the
+        inner one. So what is left tells of the place; but walls that are built a little off leave nothing.
         """
-        if not self.wall.any():
-            return np.nan
-        match = np.abs(self.off[self.wall & self.on_wall])
-        return max(0.0, float(np.sum(match < CUT / 2) - np.sum(match >= CUT / 2))) / int(self.wall.sum())
+        off = np.abs(self.off[self.wall & self.on_wall])
+        left = int(np.sum(off < CUT / 2) - np.sum(off >= CUT / 2))
+        return left / int(self.wall.sum()) if left >= LEAST_WALLS else 0.0
 
 
 def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sight_only: bool = False) -> Registration:
@@ -89,7 +94,7 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
     target, tree = _prepared(prior, centre)
     source, _ = _prepared(scan, centre)
     if min(target.size(), source.size()) < 4 * NEIGHBOURS:
-        return Registration(np.eye(4), np.nan, np.nan, 0.0, 0.0, np.nan, np.nan)
+        return Registration(np.eye(4), np.nan, np.nan, 0.0, 0.0, np.nan, np.nan, 0.0)
     cloud = (source.points()[:, :3], target, tree)
     motions = [np.eye(4)]
     for ladder in LADDERS:
@@ -111,7 +116,9 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
     if in_sight_only:
         asked = found._replace(wall=found.wall & _could_show(target.points()[:, :3], _moved(cloud[0], best)))
     share = float(asked.wall.sum() / found.wall.sum()) if found.wall.any() else np.nan
-    return Registration(about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share)
+    return Registration(
+        about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely
+    )
 
 
 def _could_show(prior: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -157,7 +164,7 @@ def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
     A pose that is off is off in more directions than the one which a missing wall leaves open: then what stands behind
     that wall is no reason to move the scan onto its place.
     """
-    if start.on_wall.sum() < max(LEAST_WALLS, LEAST_SHARE * start.wall.sum()) or not best.on_wall.any():
+    if start.on_wall.sum() < LEAST_WALLS or start.upright < LEAST_SHARE or not best.on_wall.any():
         return False
     before, after = (float(np.sqrt(np.mean(np.square(fit.off[fit.on_wall])))) for fit in (start, best))
     return before <= AS_CLOSE[0] * after + AS_CLOSE[1]

@@ -14,7 +14,7 @@ import pytest
 # Before JAX is imported, here and in every process that tests start: compiling takes longer than what is compiled.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-# Two processes share two cores: threads within each would wait for those of the other.
+# `make test` has two processes on two cores: threads within each would wait for those of the other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
@@ -49,8 +49,8 @@ resamples = 100
 
 # These take one whole run of the main job, which is then made once: they go to one process.
 ONE_RUN = ("test_reproduce.py", "test_cli.py", "test_cli_thesis.py", "test_thesis_rows.py")
-# These take longest, and come first: whoever is done early takes the short ones. Before all come those that need no
-# Warp, so that the process beside them compiles the kernels alone, and once.
+# These take longest, and come first: whoever is done early takes the short ones. Beside the one run begin those that
+# need no Warp, so that its kernels are compiled by one process, and once.
 LONG = (
     *ONE_RUN, "test_train.py", "test_joint.py", "test_fused.py", "test_fit.py",
     "test_notebooks.py", "test_engines.py", "test_generate.py", "test_cli_detect.py", "test_detect_files.py",

@@ -1,10 +1,12 @@
 """Settings of a detection: what a file may set, and what it may not."""
 
+import dataclasses
+
 import pytest
 
 from jaxmm.config import ConfigError
 from jaxmm.detect_settings import DetectSettings, load_settings
-from jaxmm.placement import FitLimits
+from jaxmm.placement import OF_CLOUDS
 
 
 def settings_of(tmp_path, text, **given):
@@ -17,7 +19,7 @@ def test_a_file_sets_what_it_names_and_options_come_before_it(tmp_path):
     text = 'preset = "thesis"\nclasses = ["wall"]\n[verdicts]\nchange_prior = 0.1\n[cloud_limits]\nleast_overlap = 0.4'
     found = settings_of(tmp_path, text)
     assert (found.preset, found.classes, found.verdicts.change_prior) == ("thesis", ("wall",), 0.1)
-    assert found.cloud_limits == FitLimits(least_overlap=0.4)
+    assert found.cloud_limits == dataclasses.replace(OF_CLOUDS, least_overlap=0.4)
     assert found.limits == DetectSettings().limits
     assert settings_of(tmp_path, text, preset="default").preset == "default"
     assert load_settings(None) == DetectSettings()

@@ -10,7 +10,7 @@ from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans, look_at
 from jaxmm.inputs import InputError
-from jaxmm.placement import FitLimits
+from jaxmm.placement import OF_CLOUDS, FitLimits
 from jaxmm.priors import prior_of_building, prior_of_cloud
 from jaxmm.report import box_of
 from jaxmm.room_scans import as_cloud, room_cases, true_boxes
@@ -128,7 +128,7 @@ def test_a_cloud_is_a_prior_too(judges):
 
 def test_a_cloud_refuses_what_was_scanned_elsewhere_and_takes_what_looks_past_a_wall_that_is_gone(judges):
     """In room 4 of this seed most of the walls in view are behind the one that is gone, which no cloud shows."""
-    walls_asked = FitLimits(least_upright=0.6)
+    walls_asked = dataclasses.replace(OF_CLOUDS, least_upright=0.6)
     registered = dataclasses.replace(AS_IS, refine=True, cloud_limits=walls_asked)
     case, other = room_cases("wall_removed", "occluded", 21, range(4, 6))
     cloud = as_cloud(case)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxmm.registration import CUT, _Fit, register
+from jaxmm.registration import CUT, LEAST_WALLS, _Fit, register
 from warp_scanner.pairs import PRESETS, make_pairs
 from warp_scanner.points import points_of
 
@@ -120,12 +120,18 @@ def test_what_a_prior_could_not_show_is_no_sign_of_another_place(new, all_of_it,
     assert moved_away.upright == pytest.approx(that_could_show, abs=0.06)
 
 
-def test_walls_that_match_by_chance_do_not_count():
-    """Half of 40,000 points are on walls; of these some lie upon them, some anywhere about them, the rest nowhere."""
-    rng = np.random.default_rng(3)
-    for lying, by_chance in ((0.0, 0.0), (0.0, 0.6), (0.08, 0.0), (0.3, 0.5), (1.0, 0.0)):
-        kind, off = rng.random(40_000), rng.uniform(-CUT, CUT, 40_000)
-        off[kind < lying] = rng.normal(0.0, 0.005, np.sum(kind < lying))
-        fit = _Fit(off, np.arange(40_000) % 2 == 0, (np.arange(40_000) % 2 == 0) & (kind < lying + by_chance))
-        assert fit.upright == pytest.approx(lying, abs=0.02)
-    assert np.isnan(_Fit(off, np.zeros(40_000, bool), np.zeros(40_000, bool)).upright)
+@pytest.mark.parametrize("lying, by_chance", [(0.0, 0.0), (0.0, 0.6), (0.08, 0.0), (0.3, 0.5), (1.0, 0.0)])
+def test_walls_that_match_by_chance_do_not_lie_closely(lying, by_chance):
+    """Of 20,000 points on walls some lie upon the prior's, some anywhere about them, the rest nowhere."""
+    rng, wall = np.random.default_rng(3), np.arange(40_000) % 2 == 0
+    kind, off = rng.random(40_000), rng.uniform(-CUT, CUT, 40_000)
+    off[kind < lying] = rng.normal(0.0, 0.005, np.sum(kind < lying))
+    fit = _Fit(off, wall, wall & (kind < lying + by_chance))
+    assert fit.closely == pytest.approx(lying, abs=0.02)
+    assert fit.upright == pytest.approx(lying + by_chance, abs=0.02)
+
+
+def test_few_points_on_walls_or_none_tell_nothing():
+    for count in (0, LEAST_WALLS - 1, LEAST_WALLS):
+        wall = np.arange(1000) < count
+        assert _Fit(np.zeros(1000), wall, wall).closely == float(count >= LEAST_WALLS)
