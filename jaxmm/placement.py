@@ -44,7 +44,7 @@ class FitLimits:
     )  # share of what it sees of walls that lies on walls, of a cloud of those it could show: floors fit anywhere
     least_closely: float = bounded(
         0.06, 0.0, 1.0
-    )  # the same less what may match by chance; with so much, what is asked of both shares above is not asked
+    )  # the same less what may match by chance; with more of it, `least_upright` is not asked; 1: it always is
 
 
 # A cloud as prior shows what was in sight once. Of 384 scans of changed validation rooms none is refused so, and of as
@@ -80,15 +80,15 @@ def place(
     overlap = found.overlap if refine else found.overlap_before
     if not refine:  # whoever believes a pose believes it of a view that is all new, too
         return Placed(scan, 0.0, 0.0, found.residual_before, overlap, overlap)
-    sure = found.closely >= limits.least_closely
-    if (overlap < limits.least_overlap and not sure) or not found.residual <= limits.most_residual:
+    if overlap < limits.least_overlap or not found.residual <= limits.most_residual:
         off = f", {found.residual:.3f} m off" if np.isfinite(found.residual) else ""
         told = f"{overlap:.1%} of its points match the prior{off}"
         raise InputError(
             f"the scan does not fit the prior from there: {told}; expected at least {limits.least_overlap:.1%} and at "
             f"most {limits.most_residual} m; check pose, units and frame, or believe them (--no-refine)"
         )
-    if found.asked >= LEAST_ASKED and found.upright < limits.least_upright and not sure:
+    closely = found.closely > limits.least_closely
+    if found.asked >= LEAST_ASKED and found.upright < limits.least_upright and not closely:
         raise InputError(
             f"the scan does not fit the prior from there: {found.upright:.1%} of {_walls_of(found)} lies on walls, "
             f"the rest on floor and ceiling; expected at least {limits.least_upright:.1%}; is it of this building? "

@@ -42,7 +42,7 @@ class Registration(NamedTuple):
     overlap_before: float  # the same at the start
     upright: float  # of its points on walls and the like that are asked, the share that match walls; NaN without any
     asked: float  # share of its points on walls that are asked: 1, or those that the prior could show; NaN without any
-    closely: float  # `upright` less what may match by chance: 0 where that may be all of it, and without any walls
+    closely: float  # `upright` less what may match by chance: 0 where that may be all but a few points
 
 
 class _Fit(NamedTuple):
@@ -69,8 +69,9 @@ class _Fit(NamedTuple):
     def closely(self) -> float:
         """Share of the points on walls that lies close to walls, less as many as lie about walls, but not close.
 
-        Walls of another place lie anywhere about these, within CUT: about as many in the outer half of it as in the
-        inner one. So what is left tells of the place; but walls that are built a little off leave nothing.
+        What a wall of another place happens to cross lies as often in the outer half of CUT as in the inner one; but a
+        wall that the motion drew onto another counts, and walls that are built a little off leave nothing. 0 where
+        fewer than LEAST_WALLS points are left.
         """
         off = np.abs(self.off[self.wall & self.on_wall])
         left = int(np.sum(off < CUT / 2) - np.sum(off >= CUT / 2))
