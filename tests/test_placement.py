@@ -79,8 +79,12 @@ def test_a_scan_of_another_building_whose_floor_and_ceiling_fit_is_refused():
             assert "does not fit the prior" in str(error) and "\n" not in str(error)
     assert refused >= 4  # by chance, walls of one room may lie on walls of another
     assert placed(prior, scan, limits=FitLimits(least_upright=0.3)).overlap > 0.4
-    with pytest.raises(InputError, match=r"\d+\.\d% of what it sees of walls lies on walls"):
+    told = r"\d+\.\d% of what it sees of walls lies on walls, the rest on floor and ceiling; expected at least 101\.0%"
+    with pytest.raises(InputError, match=told + "; is it of this building"):
         placed(prior, scan, limits=FitLimits(least_upright=1.01, least_closely=1.0))
+    told += r", or more than 99\.9% without chance matches \(came \d+\.\d%\); is it of this building"
+    with pytest.raises(InputError, match=told):
+        placed(prior, scan, limits=FitLimits(least_upright=1.01, least_closely=0.999))
 
 
 @pytest.mark.parametrize("scenario, number", [("walls_added", 17), ("all_four", 13)])
