@@ -49,6 +49,27 @@ def test_neighbours_may_be_far_apart():
     assert np.all(found.support >= 20)
 
 
+@pytest.mark.parametrize("count", [33, 64])
+def test_every_neighbour_counts_and_only_those_on_the_plane(count):
+    """Up to as many as are allowed; against a fit by numpy to the rays that are known to lie on the plane."""
+    direction, _ = grid(0.3, 40)
+    near = cKDTree(direction).query(direction, count)[1]
+    rng = np.random.default_rng(6)
+    off = rng.random(len(direction)) < 0.2
+    reach = range_to(direction, (1, 0.4, -0.2), 3.0) + rng.normal(0.0, 0.004, len(direction))
+    found = on_planes(direction, reach + 3.0 * off, np.full(len(reach), 0.03), near)
+    np.testing.assert_array_equal(found.support[~off], (~off)[near[~off]].sum(axis=1))
+    for row in np.flatnonzero(~off)[::97]:
+        mine = near[row][~off[near[row]]]
+        toward, first = (
+            direction[mine] / (direction[mine] @ direction[row])[:, None],
+            np.cross(direction[row], [0, 0, 1]),
+        )
+        axes = np.column_stack([np.ones(len(mine)), toward @ first, toward @ np.cross(direction[row], first)])
+        weighed = 1.0 / (reach[mine] * (direction[mine] @ direction[row]))
+        assert found.distance[row] == pytest.approx(1.0 / np.linalg.lstsq(axes, weighed, rcond=None)[0][0], rel=1e-5)
+
+
 def test_a_ray_beside_a_plane_is_none_of_its_rays():
     direction, near = grid(0.1, 21)
     reach = range_to(direction, (1, 0.3, 0.1), 4.0)
@@ -183,6 +204,7 @@ def test_the_answer_depends_neither_on_threads_nor_on_the_other_rays():
         ({"margin": np.ones(3)}, "margin"),
         ({"neighbour": np.zeros((3, 2), int)}, r"neighbour must be \(4, K\)"),
         ({"neighbour": np.full((4, 2), 4)}, "neighbour must be within 0 to 3, got 4 to 4"),
+        ({"neighbour": np.zeros((4, 65), int)}, "neighbour must hold at most 64 rays a row, got 65"),
         ({"chosen": np.array([0, 1, 2, -1])}, "chosen must be within 0 to 3, got -1 to 2"),
         ({"distance": np.array([1.0, 1.0, 1.0, np.nan])}, "distance must be positive, got nan"),
         ({"distance": np.array([1.0, 1.0, 1.0, 0.0])}, "distance must be positive, got 0.0"),

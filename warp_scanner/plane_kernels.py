@@ -5,7 +5,8 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 NOWHERE = wp.constant(1e30)  # [m] a ray that ends no nearer did not come back
-ROUNDS = wp.constant(3)  # of fits, each to what lies on the plane before
+ROUNDS = wp.constant(3)  # of fits, at most, each to what lies on the plane before
+MOST = 64  # neighbours: which of them are meant, is told by a bit each
 STEEP = wp.constant(3.7)  # tangent of the incidence up to which neighbours are tried first
 FEW = wp.constant(6)  # rays on a plane, below which another one is sought
 ALONE = wp.constant(8)  # rays as far away that make one: by chance there are some
@@ -24,6 +25,16 @@ class Rays:
     neighbour: wp.array2d[wp.int32]  # (S, K) of P, the chosen ray itself among them
 
 
+@wp.struct
+class Tangent:
+    """The plane that touches the unit sphere at one ray's direction; on it, inverse ranges of planes are affine."""
+
+    own: wp.vec3
+    first: wp.vec3
+    second: wp.vec3
+    scale: float  # places there are measured in chords to the farthest neighbour
+
+
 @wp.func
 def aside_of(own: wp.vec3):
     """A unit vector across a direction."""
@@ -34,13 +45,26 @@ def aside_of(own: wp.vec3):
 
 
 @wp.func
-def width_of(rays: Rays, row: int):
-    """The chord to the farthest neighbour."""
-    own = rays.direction[rays.chosen[row]]
+def tangent_of(rays: Rays, row: int):
+    tangent = Tangent()
+    tangent.own = rays.direction[rays.chosen[row]]
+    tangent.first = aside_of(tangent.own)
+    tangent.second = wp.cross(tangent.own, tangent.first)
     widest = float(1e-6)
     for at in range(rays.neighbour.shape[1]):
-        widest = wp.max(widest, wp.length(rays.direction[rays.neighbour[row, at]] - own))
-    return widest
+        widest = wp.max(widest, wp.length(rays.direction[rays.neighbour[row, at]] - tangent.own))
+    tangent.scale = 1.0 / widest
+    return tangent
+
+
+@wp.func
+def crossing(tangent: Tangent, toward: wp.vec3, cosine: float):
+    """1, and where a direction crosses the plane."""
+    return wp.vec3d(
+        wp.float64(1.0),
+        wp.float64(wp.dot(toward, tangent.first) / cosine * tangent.scale),
+        wp.float64(wp.dot(toward, tangent.second) / cosine * tangent.scale),
+    )
 
 
 @wp.func
@@ -52,60 +76,92 @@ def within_reach(rays: Rays, one: int, other: int, steep: float):
 
 
 @wp.func
-def fit(rays: Rays, row: int, steep: float):
-    """The range at which a chosen ray meets the plane, and how many rays lie on it; 0 where it does not itself.
+def bit(at: int):
+    return wp.uint64(1) << wp.uint64(at)
 
-    The fit begins with the neighbours that a surface of this slope [m/m] could reach. n . x = h along x = r d is
-    1 / r = (n / h) . d: where directions cross the plane that touches the unit sphere at the chosen one, the inverse
-    range is affine.
-    """
-    chosen = rays.chosen[row]
-    own = rays.direction[chosen]
-    reach = rays.distance[chosen]
-    first = aside_of(own)
-    second = wp.cross(own, first)
-    scale = 1.0 / width_of(rays, row)
-    plane = wp.vec3d()
-    support = int(0)
-    for turn in range(ROUNDS + 1):
-        moments = wp.mat33d()
-        right = wp.vec3d()
-        many = int(0)
-        itself = int(0)
-        for at in range(rays.neighbour.shape[1]):
+
+@wp.func
+def reached(rays: Rays, row: int, tangent: Tangent, steep: float):
+    """Which neighbours a surface of this slope [m/m] could reach: a bit each."""
+    which = wp.uint64(0)
+    for at in range(rays.neighbour.shape[1]):
+        ray = rays.neighbour[row, at]
+        if wp.dot(rays.direction[ray], tangent.own) > LEAST_COSINE:
+            if within_reach(rays, rays.chosen[row], ray, steep):
+                which |= bit(at)
+    return which
+
+
+@wp.func
+def lying(rays: Rays, row: int, tangent: Tangent, plane: wp.vec3d):
+    """Which neighbours lie on a plane: a bit each."""
+    which = wp.uint64(0)
+    for at in range(rays.neighbour.shape[1]):
+        ray = rays.neighbour[row, at]
+        toward = rays.direction[ray]
+        cosine = wp.dot(toward, tangent.own)
+        if cosine > LEAST_COSINE:
+            inverse = float(wp.dot(plane, crossing(tangent, toward, cosine))) * cosine
+            if inverse > 1e-6:
+                if wp.abs(rays.distance[ray] - 1.0 / inverse) <= rays.margin[ray]:
+                    which |= bit(at)
+    return which
+
+
+@wp.func
+def plane_of(rays: Rays, row: int, tangent: Tangent, which: wp.uint64):
+    """The plane of some neighbours, a bit each, by least squares: the inverse range along the ray, and its slopes."""
+    moments = wp.mat33d()
+    right = wp.vec3d()
+    many = int(0)
+    for at in range(rays.neighbour.shape[1]):
+        if (which & bit(at)) != wp.uint64(0):
             ray = rays.neighbour[row, at]
             toward = rays.direction[ray]
-            found = rays.distance[ray]
-            cosine = wp.dot(toward, own)
-            if cosine > LEAST_COSINE:
-                axes = wp.vec3d(
-                    wp.float64(1.0),
-                    wp.float64(wp.dot(toward, first) / cosine * scale),
-                    wp.float64(wp.dot(toward, second) / cosine * scale),
-                )
-                lies = False
-                if turn == 0:
-                    lies = within_reach(rays, chosen, ray, steep)
-                else:
-                    inverse = float(wp.dot(plane, axes)) * cosine
-                    if inverse > 1e-6:
-                        lies = wp.abs(found - 1.0 / inverse) <= rays.margin[ray]
-                if lies:
-                    many += 1
-                    if ray == chosen:
-                        itself = 1
-                    moments += wp.outer(axes, axes)
-                    right += axes / (wp.float64(found) * wp.float64(cosine))
-        if turn == ROUNDS:
-            support = many * itself
-        elif many > 0:
-            moments[1, 1] += RIDGE * wp.float64(many)
-            moments[2, 2] += RIDGE * wp.float64(many)
-            plane = wp.inverse(moments) * right
-    settled = reach
+            cosine = wp.dot(toward, tangent.own)
+            axes = crossing(tangent, toward, cosine)
+            moments += wp.outer(axes, axes)
+            right += axes / (wp.float64(rays.distance[ray]) * wp.float64(cosine))
+            many += 1
+    moments[1, 1] += RIDGE * wp.float64(many)
+    moments[2, 2] += RIDGE * wp.float64(many)
+    return wp.inverse(moments) * right
+
+
+@wp.func
+def support_of(rays: Rays, row: int, which: wp.uint64):
+    """How many neighbours they are, a bit each; 0 where the ray itself is none of them."""
+    many = int(0)
+    itself = int(0)
+    for at in range(rays.neighbour.shape[1]):
+        if (which & bit(at)) != wp.uint64(0):
+            many += 1
+            if rays.neighbour[row, at] == rays.chosen[row]:
+                itself = 1
+    return many * itself
+
+
+@wp.func
+def fit(rays: Rays, row: int, tangent: Tangent, steep: float):
+    """The range at which a chosen ray meets the plane, and how many rays lie on it; 0 where it does not itself.
+
+    The fit begins with the neighbours that a surface of this slope [m/m] could reach, and ends when those on it stay
+    the same. n . x = h along x = r d is 1 / r = (n / h) . d: where directions cross the plane that touches the unit
+    sphere at the chosen one, the inverse range is affine.
+    """
+    plane = wp.vec3d()
+    which = reached(rays, row, tangent, steep)
+    before = wp.uint64(0)
+    turn = int(0)
+    while turn < ROUNDS and which != before and which != wp.uint64(0):
+        plane = plane_of(rays, row, tangent, which)
+        before = which
+        which = lying(rays, row, tangent, plane)
+        turn += 1
+    settled = rays.distance[rays.chosen[row]]
     if plane[0] > wp.float64(1e-6):
         settled = float(wp.float64(1.0) / plane[0])
-    return settled, support
+    return settled, support_of(rays, row, which)
 
 
 @wp.func
@@ -130,9 +186,10 @@ def settle(first: int, rays: Rays, distance: wp.array[wp.float32], support: wp.a
         distance[row] = rays.distance[rays.chosen[row]]
         support[row] = 0
         return
-    settled, many = fit(rays, row, STEEP)
+    tangent = tangent_of(rays, row)
+    settled, many = fit(rays, row, tangent, STEEP)
     if many < FEW:
-        again, more = fit(rays, row, 0.0)
+        again, more = fit(rays, row, tangent, 0.0)
         if more < ALONE:
             again = rays.distance[rays.chosen[row]]
             more = beside(rays, row)

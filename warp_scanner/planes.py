@@ -42,12 +42,12 @@ def on_planes(
         direction: (P, 3) unit vectors.
         distance: (P,) [m], positive; inf where nothing came back.
         margin: (P,) [m] within which each range is that of a plane.
-        neighbour: (S, K) int of P: rays close to each chosen one, itself among them.
+        neighbour: (S, K <= 64) int of P: rays close to each chosen one, itself among them.
         chosen: (S,) int of P; None: all.
         threads: how many to use; by default as many as the machine has cores.
 
     Raises:
-        ValueError: the shapes disagree, a neighbour is no ray, or a range is not positive.
+        ValueError: the shapes disagree, K is too large, a neighbour is no ray, or a range is not positive.
     """
     distance, margin = np.asarray(distance, np.float32), np.asarray(margin, np.float32)
     chosen = np.arange(len(distance)) if chosen is None else np.asarray(chosen)
@@ -57,6 +57,8 @@ def on_planes(
                          f"{np.shape(direction)} and {margin.shape}")  # fmt: skip
     if neighbour.ndim != 2 or len(neighbour) != len(chosen):
         raise ValueError(f"neighbour must be ({len(chosen)}, K), got {neighbour.shape}")
+    if neighbour.shape[1] > kernels.MOST:
+        raise ValueError(f"neighbour must hold at most {kernels.MOST} rays a row, got {neighbour.shape[1]}")
     for name, rays in (("neighbour", neighbour), ("chosen", chosen)):
         if rays.size and not (rays.min() >= 0 and rays.max() < len(distance)):
             raise ValueError(f"{name} must be within 0 to {len(distance) - 1}, got {rays.min()} to {rays.max()}")

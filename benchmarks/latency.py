@@ -1,0 +1,79 @@
+"""How long one detection takes, stage by stage: four sensors, ideal and as built, beside the thesis's way.
+
+    python -m benchmarks.latency [--json FILE] [--repeat 5]        two minutes
+
+From loaded arrays to the text of report.json, in a furnished room of a validation seed in which a wall and a pillar are
+new. The first call compiles, or fetches, what is compiled; of the later ones, in turns with the thesis's preset on the
+same scan, the median is taken. Prints Markdown.
+"""
+
+import argparse
+import json
+import statistics
+from pathlib import Path
+from typing import Any
+
+from benchmarks.timing import measure_in_turns, write_report
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import Detection, NamedScan, detect_scans
+from jaxmm.judging import Judges
+from jaxmm.report import to_json
+from jaxmm.room_scans import RoomCase, room_cases
+from jaxmm.weights import DEFAULT
+
+SEED, ROOM = 27, 2  # of validation
+SENSORS = tuple(
+    f"{name}{built}" for name in ("oak-d-pro", "ouster-64", "velodyne-16", "tls") for built in ("", "-real")
+)
+STAGES = ("settling", "registration", "evidence", "objects", "next views")
+
+
+def row_of(sensor: str, judges: Judges, repeat: int) -> dict[str, Any]:
+    """Seconds of one sensor's scan."""
+    case = next(room_cases("pillar_and_wall_added", "occluded", SEED, range(ROOM, ROOM + 1), sensor=sensor))
+    kept: list[Detection] = []
+
+    def ours() -> None:
+        kept.append(_detected(case, judges, "default"))
+
+    mine, thesis = measure_in_turns([ours, lambda: _detected(case, judges, "thesis")], repeat)
+    stages = {name: statistics.median(one.timing[name] for one in kept[1:]) for name in STAGES}
+    return {
+        "sensor": sensor, "points": len(case.scan.points), "first": mine.first, **stages, "all": mine.median,
+        "thesis": thesis.median, "ratio": mine.median / thesis.median,
+    }  # fmt: skip
+
+
+def _detected(case: RoomCase, judges: Judges, preset: str) -> Detection:
+    scan = NamedScan(case.scan, "scan", len(case.scan.points), "given")
+    found = detect_scans(case.prior, [scan], judges, DetectSettings(preset=preset))
+    json.dumps(to_json(found))
+    return found
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """All sensors, as Markdown."""
+    names = [f"{name} [s]" for name in (*STAGES, "all", "thesis's preset")]
+    lines = [
+        f"| sensor | points | {' | '.join(names)} | ratio | first call [s] |",
+        "| --- |" + " --- |" * (len(names) + 3),
+    ]
+    for row in rows:
+        seconds = [f"{row[name]:.2f}" for name in (*STAGES, "all", "thesis", "ratio")]
+        name = row["sensor"].replace("-real", ", as built")
+        lines.append(f"| {name} | {row['points']:,} | {' | '.join(seconds)} | {row['first']:.1f} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to this file")
+    parser.add_argument("--repeat", type=int, default=5, metavar="N", help="calls after the first")
+    parser.add_argument("--model", type=Path, default=DEFAULT, metavar="RUN|FILE")
+    asked = parser.parse_args()
+    judges = read_judges(asked.model)
+    rows = [row_of(sensor, judges, asked.repeat) for sensor in SENSORS]
+    print(table(rows))
+    if asked.json:
+        write_report(asked.json, rows, "jax", "numpy", "scipy", "small-gicp", "warp-lang")
