@@ -29,6 +29,7 @@ AROUND = 0.5  # [m] within which ranges may err
 EXACT = 1e-4  # [m] ranges that err by less are left as they are: nobody measured them
 LEAST_POINTS = 1000  # of a scan that tells what its sensor does
 CORES = os.cpu_count() or 1
+AT_ONCE = 8192  # rays
 
 
 class Settled(NamedTuple):
@@ -98,8 +99,14 @@ def _trailing(
     an angle they are few: neither are most rays around on that plane, nor do those along the edge end beside them. At
     the rim of a slanting surface a few right ones go with them, about one ray in a thousand.
     """
-    beside, own = distance[near[rows]], distance[rows, None]
-    rows = rows[np.sum(np.abs(beside - own) < np.maximum(ALIKE, ALIKE_SHARE * own), axis=1) < LEAST_ALIKE]
+
+    def few_alike(part: np.ndarray) -> np.ndarray:
+        own = distance[part, None]
+        alike = np.abs(distance[near[part]] - own) < np.maximum(ALIKE, ALIKE_SHARE * own)
+        return np.count_nonzero(alike, axis=1) < LEAST_ALIKE
+
+    # A part after the other: the neighbours of all would take fresh memory, which takes longer than they do.
+    rows = np.concatenate([part[few_alike(part)] for part in np.array_split(rows, len(rows) // AT_ONCE + 1)])
     found = on_planes(direction, distance, margin, near[rows], rows)
     return rows[found.support < LEAST_AROUND]
 
