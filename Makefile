@@ -58,6 +58,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.pairs
 	$(BIN)/python -m benchmarks.train
 	$(BIN)/python -m benchmarks.detect
+	$(BIN)/python -m benchmarks.latency
 	$(BIN)/python -m benchmarks.detections --out runs/detections
 	$(BIN)/python -m benchmarks.rivals --out runs/rivals.json
 
