@@ -89,11 +89,13 @@ def place(
         )
     closely = found.closely > limits.least_closely
     if found.asked >= LEAST_ASKED and found.upright < limits.least_upright and not closely:
-        without = f", or more than {limits.least_closely:.1%} without chance matches (came {found.closely:.1%})"
+        other = (
+            f", or more than {limits.least_closely:.1%} beyond what may match by chance (it has {found.closely:.1%})"
+        )
         raise InputError(
             f"the scan does not fit the prior from there: {found.upright:.1%} of {_walls_of(found)} lies on walls, the "
             f"rest on floor and ceiling; expected at least {limits.least_upright:.1%}"
-            f"{without if limits.least_closely < 1.0 else ''}; is it of this building? check pose, units and frame, or "
+            f"{other if limits.least_closely < 1.0 else ''}; is it of this building? check pose, units and frame, or "
             "believe them (--no-refine)"
         )
     turn, shift = found.motion[:3, :3], found.motion[:3, 3]

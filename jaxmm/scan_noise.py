@@ -4,7 +4,6 @@ A depth camera errs by centimetres from pixel to pixel, and at the edge of a thi
 sides of the edge. What is near on the sensor is mostly on one plane. N points, K rays closest to one, itself included.
 """
 
-import os
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ import small_gicp
 
 from jaxmm.evidence import SIGMAS, Noise, noise_of, sigma_at
 from jaxmm.scan_rays import PosedScan, drawn
+from warp_scanner.launches import thread_count
 from warp_scanner.planes import FEW, on_planes
 
 NEIGHBOURS = 25  # itself included
@@ -28,8 +28,7 @@ SAMPLED = 6000  # rays that tell of the noise
 AROUND = 0.5  # [m] within which ranges may err
 EXACT = 1e-4  # [m] ranges that err by less are left as they are: nobody measured them
 LEAST_POINTS = 1000  # of a scan that tells what its sensor does
-CORES = os.cpu_count() or 1
-AT_ONCE = 8192  # rays
+AT_ONCE = 8192  # rays, whose neighbours fit into a core's cache
 
 
 class Settled(NamedTuple):
@@ -55,12 +54,12 @@ def settled(scan: PosedScan) -> Settled:
     offset = points - scan.position
     reach = np.linalg.norm(offset, axis=1)
     direction = offset / reach[:, None]
-    tree = small_gicp.KdTree(direction, num_threads=CORES)
+    tree = small_gicp.KdTree(direction, num_threads=thread_count(None))
     noise = _noise(tree, direction, reach)
     sigma = float(sigma_at(noise, np.median(reach)))
     if sigma < EXACT:
         return Settled(scan, sigma, 0.0)
-    near = _nearest(tree, direction, NEIGHBOURS)
+    near = nearest_rays(tree, direction, NEIGHBOURS)
     distance = _distances(direction, reach, sigma_at(noise, reach), near)
     kept = np.isfinite(distance)
     stray = float(1.0 - kept.mean())
@@ -105,21 +104,22 @@ def _trailing(
         alike = np.abs(distance[near[part]] - own) < np.maximum(ALIKE, ALIKE_SHARE * own)
         return np.count_nonzero(alike, axis=1) < LEAST_ALIKE
 
-    # A part after the other: the neighbours of all would take fresh memory, which takes longer than they do.
+    # In parts: fresh memory for the neighbours of all rows costs more than the counting.
     rows = np.concatenate([part[few_alike(part)] for part in np.array_split(rows, len(rows) // AT_ONCE + 1)])
     found = on_planes(direction, distance, margin, near[rows], rows)
     return rows[found.support < LEAST_AROUND]
 
 
-def _nearest(tree: small_gicp.KdTree, direction: np.ndarray, count: int) -> np.ndarray:
-    """The rays (n, count) int closest to some directions (n, 3), the closest first; scipy takes longer for the same."""
-    return tree.batch_knn_search(direction, count, num_threads=CORES)[0]
+def nearest_rays(tree: small_gicp.KdTree, direction: np.ndarray, count: int) -> np.ndarray:
+    """The rays (n, count) int32 closest to some directions (n, 3), the closest first."""
+    # Two thirds of the time that scipy's tree takes: 0.45 s for 0.65 s, of 260,000 rays.
+    return tree.batch_knn_search(direction, count, num_threads=thread_count(None))[0].astype(np.int32)
 
 
 def _noise(tree: small_gicp.KdTree, direction: np.ndarray, reach: np.ndarray) -> Noise:
     """How the ranges err about the planes around them."""
     chosen = np.random.default_rng(0).choice(len(reach), min(len(reach), SAMPLED), replace=False)
-    near = _nearest(tree, direction[chosen], OF_NOISE)
+    near = nearest_rays(tree, direction[chosen], OF_NOISE)
     found = on_planes(direction, reach, np.full(len(reach), AROUND), near, chosen)
     told = found.support >= FEW
     # The plane gives way to the ray itself: in their middle, by its share of them.

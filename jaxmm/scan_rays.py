@@ -73,13 +73,14 @@ def rays_of_scan(scan: PosedScan, seed: int = 0) -> ScanRays:
 
 
 def drawn(points: np.ndarray, position: np.ndarray, seed: int = 0) -> np.ndarray:
-    """(K <= MOST_RAYS, 3) float64 [m]: of points (N, 3) as many as rays are needed, without the sensor's housing."""
+    """(K <= MOST_RAYS, 3) float64 [m]: of points (N, 3) as many as rays are needed, none of the sensor's housing."""
     if len(points) > MOST_RAYS:
-        chosen = np.zeros(len(points), bool)  # takes no sorting, and of a large scan little memory
+        chosen = np.zeros(len(points), bool)  # a byte a point, and no sorting
         chosen[np.random.default_rng(seed).integers(0, len(points), MOST_RAYS)] = True
         points = points[chosen]
     points = points.astype(np.float64)
-    return points[np.linalg.norm(points - position, axis=1) > NEAREST]
+    reach = np.linalg.norm(points - position, axis=1)
+    return points[(reach > NEAREST) & (reach < np.inf)]
 
 
 def overtaken(points: np.ndarray, position: np.ndarray) -> float:

@@ -82,7 +82,7 @@ def test_a_scan_of_another_building_whose_floor_and_ceiling_fit_is_refused():
     told = r"\d+\.\d% of what it sees of walls lies on walls, the rest on floor and ceiling; expected at least 101\.0%"
     with pytest.raises(InputError, match=told + "; is it of this building"):
         placed(prior, scan, limits=FitLimits(least_upright=1.01, least_closely=1.0))
-    told += r", or more than 99\.9% without chance matches \(came \d+\.\d%\); is it of this building"
+    told += r", or more than 99\.9% beyond what may match by chance \(it has \d+\.\d%\); is it of this building"
     with pytest.raises(InputError, match=told):
         placed(prior, scan, limits=FitLimits(least_upright=1.01, least_closely=0.999))
 

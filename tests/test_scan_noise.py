@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+import small_gicp
 from known_rooms import SENSOR, SHELL, pillar, slab, wall
 from scipy.spatial import cKDTree
 
@@ -15,7 +16,7 @@ from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, _settled, detect_scans
 from jaxmm.report import box_of
 from jaxmm.room_scans import room_cases, true_boxes
-from jaxmm.scan_noise import EXACT, LEAST_POINTS, settled
+from jaxmm.scan_noise import EXACT, LEAST_POINTS, nearest_rays, settled
 from jaxmm.scan_rays import MOST_RAYS, PosedScan
 from jaxmm.weights import DEFAULT
 from warp_scanner.scenes import join
@@ -23,6 +24,18 @@ from warp_scanner.sense import cast
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose
 
 AS_IS = DetectSettings(refine=False, propose_views=False)
+
+
+@pytest.mark.parametrize("count", [1, 13, 25])
+def test_the_closest_rays_are_those_that_scipy_finds(count):
+    direction = np.random.default_rng(8).normal(size=(4000, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    chosen = np.arange(0, 4000, 3)
+    found = nearest_rays(small_gicp.KdTree(direction), direction[chosen], count)
+    assert found.dtype == np.int32 and found.shape == (len(chosen), count)
+    expected = cKDTree(direction).query(direction[chosen], count)[1].reshape(len(chosen), count)
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(found[:, 0], chosen)
 
 
 @pytest.fixture(scope="module")

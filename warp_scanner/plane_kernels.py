@@ -6,7 +6,7 @@ wp.set_module_options({"enable_backward": False})
 
 NOWHERE = wp.constant(1e30)  # [m] a ray that ends no nearer did not come back
 ROUNDS = wp.constant(3)  # of fits, at most, each to what lies on the plane before
-MOST = 64  # neighbours: which of them are meant, is told by a bit each
+MOST = 64  # neighbours: one bit of a uint64 each
 STEEP = wp.constant(3.7)  # tangent of the incidence up to which neighbours are tried first
 FEW = wp.constant(6)  # rays on a plane, below which another one is sought
 ALONE = wp.constant(8)  # rays as far away that make one: by chance there are some
@@ -29,10 +29,10 @@ class Rays:
 class Tangent:
     """The plane that touches the unit sphere at one ray's direction; on it, inverse ranges of planes are affine."""
 
-    own: wp.vec3
-    first: wp.vec3
+    own: wp.vec3  # that direction
+    first: wp.vec3  # and two unit vectors across it
     second: wp.vec3
-    scale: float  # places there are measured in chords to the farthest neighbour
+    scale: float  # the inverse of the chord to the farthest neighbour, the unit of places on it
 
 
 @wp.func
@@ -46,6 +46,7 @@ def aside_of(own: wp.vec3):
 
 @wp.func
 def tangent_of(rays: Rays, row: int):
+    """The plane at a chosen ray."""
     tangent = Tangent()
     tangent.own = rays.direction[rays.chosen[row]]
     tangent.first = aside_of(tangent.own)
@@ -59,7 +60,7 @@ def tangent_of(rays: Rays, row: int):
 
 @wp.func
 def crossing(tangent: Tangent, toward: wp.vec3, cosine: float):
-    """1, and where a direction crosses the plane."""
+    """1, and where a direction crosses the tangent plane."""
     return wp.vec3d(
         wp.float64(1.0),
         wp.float64(wp.dot(toward, tangent.first) / cosine * tangent.scale),
@@ -130,7 +131,7 @@ def plane_of(rays: Rays, row: int, tangent: Tangent, which: wp.uint64):
 
 @wp.func
 def support_of(rays: Rays, row: int, which: wp.uint64):
-    """How many neighbours they are, a bit each; 0 where the ray itself is none of them."""
+    """How many bits are set; 0 where that of the ray itself is not."""
     many = int(0)
     itself = int(0)
     for at in range(rays.neighbour.shape[1]):
@@ -146,8 +147,8 @@ def fit(rays: Rays, row: int, tangent: Tangent, steep: float):
     """The range at which a chosen ray meets the plane, and how many rays lie on it; 0 where it does not itself.
 
     The fit begins with the neighbours that a surface of this slope [m/m] could reach, and ends when those on it stay
-    the same. n . x = h along x = r d is 1 / r = (n / h) . d: where directions cross the plane that touches the unit
-    sphere at the chosen one, the inverse range is affine.
+    the same, or after ROUNDS. n . x = h along x = r d is 1 / r = (n / h) . d: where directions cross the plane that
+    touches the unit sphere at the chosen one, the inverse range is affine.
     """
     plane = wp.vec3d()
     which = reached(rays, row, tangent, steep)

@@ -72,7 +72,7 @@ def on_planes(
         rays.direction = share(np.asarray(direction, np.float32), wp.vec3)
         rays.distance, rays.margin = share(distance, wp.float32), share(margin, wp.float32)
         rays.chosen = share(chosen.astype(np.int32), wp.int32)
-        rays.neighbour = share(neighbour.astype(np.int32), wp.int32)
+        rays.neighbour = share(neighbour.astype(np.int32, copy=False), wp.int32)
         outputs = [share(found.distance, wp.float32), share(found.support, wp.int32)]
 
         def launch(first: int, size: int) -> None:
