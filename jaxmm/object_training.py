@@ -1,17 +1,18 @@
 """Trains the judge of objects on candidates of generated rooms.
 
-    python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors [--rooms 45000]
+    python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors [--rooms 45000] [--draws DIR]
 
 K candidates, F clues. What each of them is, is known: the true object whose box holds most of its points. Rooms are of
 both kinds, with and without furniture, with one change, several or none, walls free or against others; priors are
 buildings and clouds, sensors ideal, as built, and spinning. A tenth of the rooms is kept from training, to say how
-well it does.
+well it does. Where draws of rooms are kept, the same command goes on with those that are missing.
 """
 
 import argparse
 import hashlib
 import json
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ from jaxmm.building_grid import QUARTER, Uprights
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, UNCHANGED
 from jaxmm.detect_files import read_judges
 from jaxmm.detection import look_at
+from jaxmm.files import load_arrays, write_arrays
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges
 from jaxmm.mismatches import judged_side
@@ -33,6 +35,7 @@ from jaxmm.object_shapes import outside
 from jaxmm.objects import ObjectSettings, examine
 from jaxmm.progress import bar_of
 from jaxmm.room_scans import RoomCase, as_cloud, room_cases, true_boxes
+from jaxmm.runs import versions
 from jaxmm.scan_rays import rays_of_scan
 from jaxmm.weights import DEFAULT
 
@@ -78,6 +81,17 @@ def examples_of_draw(number: int) -> Examples:
     return _joined(
         [_examples_of_room(case, judges, of_cloud, np.random.default_rng((SEED, number, case.row))) for case in cases]
     )
+
+
+def kept_draw(folder: Path | None, number: int) -> Examples:
+    """The same, read from a folder where it is there, else made and written to it; None: of no folder."""
+    path = folder / f"{number:06d}.npz" if folder else None
+    if path and path.exists():
+        return Examples(**load_arrays(path))
+    made = examples_of_draw(number)
+    if path:
+        write_arrays(path, made._asdict())
+    return made
 
 
 def boosted_trees() -> GradientBoostingClassifier:
@@ -184,19 +198,22 @@ def _told(judge: ObjectJudge, kept: Examples) -> dict[str, float]:
     }
 
 
-def main(out: Path, rooms: int) -> None:
+def main(out: Path, rooms: int, kept_in: Path | None = None) -> None:
     """Make the rooms, train, save, and print how it does on the draws that it did not train on."""
+    models = hashlib.sha256(DEFAULT.read_bytes()).hexdigest()  # whose probabilities it learns to weigh
+    folder = kept_in and kept_in / f"{versions()['code'][:12]}-{models[:12]}"  # what other code made would differ
+    if folder:
+        folder.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         count = max(10, rooms // AT_ONCE)
         draws = []
         with bar_of(f"{count * AT_ONCE} rooms", count * AT_ONCE, "room") as bar:
-            for draw in pool.map(examples_of_draw, range(count)):
+            for draw in pool.map(partial(kept_draw, folder), range(count)):
                 draws.append(draw)
                 bar.update(AT_ONCE)
     kept = _joined(draws[::KEPT])
     judge = fit(_joined([draw for number, draw in enumerate(draws) if number % KEPT]))
     told = _told(judge, kept)
-    models = hashlib.sha256(DEFAULT.read_bytes()).hexdigest()  # whose probabilities it learnt to weigh
     rooms = str(AT_ONCE * len(draws))
     save_judge(judge, out, {"seed": str(SEED), "rooms": rooms, "kept": json.dumps(told), "models": models})
     print(json.dumps(told))
@@ -206,5 +223,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE")
     parser.add_argument("--rooms", type=int, default=45_000, metavar="N")
+    parser.add_argument("--draws", type=Path, metavar="DIR", help="keep what was made of rooms there, to go on from")
     asked = parser.parse_args()
-    main(asked.out, asked.rooms)
+    main(asked.out, asked.rooms, asked.draws)

@@ -206,3 +206,22 @@ def test_rooms_of_a_draw_give_the_same_candidates_each_time_and_all_kinds_among_
     np.testing.assert_array_equal(draws[1].kind, again.kind)
     assert all(np.isfinite(draw.clues).all() and draw.clues.shape == (len(draw.kind), len(CLUES)) for draw in draws)
     assert len(set(np.concatenate([draw.kind for draw in draws]).tolist())) > 1
+
+
+def test_a_draw_that_is_kept_is_read_and_not_made_again(monkeypatch, tmp_path):
+    made = []
+
+    def draw(number):
+        made.append(number)
+        return Examples(np.full((number, len(CLUES)), 0.5), np.arange(number))
+
+    monkeypatch.setattr(object_training, "examples_of_draw", draw)
+    for folder, calls in ((tmp_path, [2, 3]), (None, [2, 3, 2, 3, 2, 3])):
+        for number in (2, 3, 2, 3):
+            found = object_training.kept_draw(folder, number)
+            np.testing.assert_array_equal(found.kind, np.arange(number))
+            assert found.clues.shape == (number, len(CLUES)) and np.all(found.clues == 0.5)
+        assert made == calls
+    (tmp_path / "000002.npz").write_bytes(b"half")
+    with pytest.raises(InputError, match="damaged"):
+        object_training.kept_draw(tmp_path, 2)
