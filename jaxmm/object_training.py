@@ -36,7 +36,6 @@ from jaxmm.objects import ObjectSettings, examine
 from jaxmm.progress import bar_of
 from jaxmm.room_scans import RoomCase, as_cloud, room_cases, true_boxes
 from jaxmm.runs import versions
-from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import rays_of_scan
 from jaxmm.weights import DEFAULT
 
@@ -140,7 +139,7 @@ def _floored(limit: float) -> np.float32:
 def _examples_of_room(case: RoomCase, judges: Judges, of_cloud: bool, draw: np.random.Generator) -> Examples:
     prior = as_cloud(case) if of_cloud else case.prior
     try:
-        looked = look_at(prior, rays_of_scan(settled(case.scan).scan), judges)[0]
+        looked = look_at(prior, rays_of_scan(case.scan), judges)[0]
     except InputError:  # hardly anything of the cloud in view
         return _joined([])
     parts = []
@@ -223,7 +222,7 @@ def main(out: Path, rooms: int, kept_in: Path | None = None) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE")
-    parser.add_argument("--rooms", type=int, default=30_000, metavar="N")
+    parser.add_argument("--rooms", type=int, default=45_000, metavar="N")
     parser.add_argument("--draws", type=Path, metavar="DIR", help="keep what was made of rooms there, to go on from")
     asked = parser.parse_args()
     main(asked.out, asked.rooms, asked.draws)
