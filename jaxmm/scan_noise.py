@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import small_gicp
 
-from jaxmm.evidence import SIGMAS, Noise, noise_of, sigma_at
+from jaxmm.evidence import SIGMAS, noise_of, sigma_at
 from jaxmm.scan_rays import PosedScan, drawn
 from warp_scanner.launches import thread_count
 from warp_scanner.planes import FEW, on_planes
@@ -26,7 +26,8 @@ MOST_LEFT = 0.04  # [m] after they have settled once; with more, those of any sl
 MOST_STRAY = 0.2  # share of the points; of a scan with more, planes tell nothing
 SAMPLED = 6000  # rays that tell of the noise
 AROUND = 0.5  # [m] within which ranges may err
-EXACT = 1e-4  # [m] ranges that err by less are left as they are: nobody measured them
+EXACT = 2.5e-5  # [m] from a plane, of a fifth of the rays: as with a normal error of 0.1 mm, which nobody measures
+LEAST_EXACT = 0.2  # share of the rays, for much of a room may be round
 LEAST_POINTS = 1000  # of a scan that tells what its sensor does
 AT_ONCE = 8192  # rays, whose neighbours fit into a core's cache
 
@@ -35,7 +36,7 @@ class Settled(NamedTuple):
     """A scan after its ranges have settled."""
 
     scan: PosedScan
-    sigma: float  # [m] standard deviation of its ranges, at the middle one of them
+    sigma: float  # [m] standard deviation of its ranges, at the middle one of them; 0 of exact ones
     stray: float  # share of its points that hang between surfaces, or trail behind edges
 
 
@@ -55,10 +56,11 @@ def settled(scan: PosedScan) -> Settled:
     reach = np.linalg.norm(offset, axis=1)
     direction = offset / reach[:, None]
     tree = small_gicp.KdTree(direction, num_threads=thread_count(None))
-    noise = _noise(tree, direction, reach)
+    off, of = _off_planes(tree, direction, reach)
+    if not len(off) or np.quantile(np.abs(off), LEAST_EXACT) < EXACT:
+        return Settled(scan, 0.0, 0.0)
+    noise = noise_of(off, np.ones(len(off)), of)
     sigma = float(sigma_at(noise, np.median(reach)))
-    if sigma < EXACT:
-        return Settled(scan, sigma, 0.0)
     near = nearest_rays(tree, direction, NEIGHBOURS)
     distance = _distances(direction, reach, sigma_at(noise, reach), near)
     kept = np.isfinite(distance)
@@ -116,12 +118,12 @@ def nearest_rays(tree: small_gicp.KdTree, direction: np.ndarray, count: int) -> 
     return tree.batch_knn_search(direction, count, num_threads=thread_count(None))[0].astype(np.int32)
 
 
-def _noise(tree: small_gicp.KdTree, direction: np.ndarray, reach: np.ndarray) -> Noise:
-    """How the ranges err about the planes around them."""
+def _off_planes(tree: small_gicp.KdTree, direction: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """By how much some ranges are off the planes around them (n,) [m], and those ranges (n,) [m]."""
     chosen = np.random.default_rng(0).choice(len(reach), min(len(reach), SAMPLED), replace=False)
     near = nearest_rays(tree, direction[chosen], OF_NOISE)
     found = on_planes(direction, reach, np.full(len(reach), AROUND), near, chosen)
     told = found.support >= FEW
     # The plane gives way to the ray itself: in their middle, by its share of them.
     off = (reach[chosen] - found.distance)[told] / np.sqrt(1.0 - 1.0 / found.support[told])
-    return noise_of(off, np.ones(len(off)), reach[chosen][told])
+    return off, reach[chosen][told]

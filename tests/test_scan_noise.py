@@ -9,6 +9,7 @@ import pytest
 import small_gicp
 from known_rooms import SENSOR, SHELL, pillar, slab, wall
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from jaxmm.box_match import match_boxes
 from jaxmm.detect_files import read_judges
@@ -16,7 +17,7 @@ from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, _settled, detect_scans
 from jaxmm.report import box_of
 from jaxmm.room_scans import room_cases, true_boxes
-from jaxmm.scan_noise import EXACT, LEAST_POINTS, nearest_rays, settled
+from jaxmm.scan_noise import LEAST_POINTS, nearest_rays, settled
 from jaxmm.scan_rays import MOST_RAYS, PosedScan
 from jaxmm.weights import DEFAULT
 from warp_scanner.scenes import join
@@ -71,7 +72,32 @@ def off(scan, direction, reach):
 def test_an_exact_scan_is_given_back_as_it_is(room):
     scan = scan_of(*room)
     found = settled(scan)
-    assert found.scan is scan and found.sigma < EXACT and found.stray == 0.0
+    assert found.scan is scan and found.sigma == 0.0 and found.stray == 0.0
+
+
+@pytest.mark.parametrize("grid, exact", [(1e-4, True), (1e-3, False)])
+def test_an_exact_scan_may_be_rounded_to_a_tenth_of_a_millimetre(room, grid, exact):
+    scan = scan_of(*room)
+    turned = Rotation.from_euler("zyx", (0.3, 0.2, 0.1)).apply(scan.points - np.array(SENSOR)) + np.array(SENSOR)
+    rounded = scan._replace(points=(np.round(turned / grid) * grid).astype(np.float32))
+    found = settled(rounded)
+    assert (found.scan is rounded) == exact == (found.sigma == 0.0)
+
+
+def test_an_exact_scan_of_mostly_round_things_is_given_back_as_it_is():
+    """Three quarters of the view are a dome 1.5 m around a place 0.4 m ahead: planes through neighbours are off it."""
+    direction = OAK_D_PRO_SMALL.directions().astype(np.float64)
+    middle = np.array([0.4, 0.0, 0.0])
+    along = direction @ middle
+    dome = along + np.sqrt(along**2 - middle @ middle + 1.5**2)
+    flat = np.arange(len(direction)).reshape(OAK_D_PRO_SMALL.shape)[:, : OAK_D_PRO_SMALL.shape[1] // 4].ravel()
+    reach = dome.copy()
+    reach[flat] = 3.0 / np.maximum(direction[flat] @ direction[flat].mean(axis=0), 0.3)
+    scan = scan_of(direction, reach)
+    found = settled(scan)
+    assert found.scan is scan and found.sigma == 0.0
+    erring = settled(scan_of(direction, reach + 0.01 * np.random.default_rng(0).standard_normal(len(reach))))
+    assert erring.sigma == pytest.approx(0.01, rel=0.3)
 
 
 @pytest.mark.parametrize("constant, growth, left", [(0.01, 0.0, 0.23), (0.05, 0.0, 0.17), (0.0, 0.0044, 0.17)])
