@@ -1,10 +1,13 @@
 """Nearest neighbours: scipy as witness on clouds of every shape, ties, gaps, and nothing but the pair matters."""
 
+import os
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
+from warp_scanner.launches import thread_count
 from warp_scanner.neighbours import nearest, nearest_both_ways
 from warp_scanner.pairs import PairConfig, make_pairs
 from warp_scanner.points import points_of
@@ -152,3 +155,11 @@ def test_bad_clouds_are_named(clouds, others, message):
         nearest(clouds, others)
     with pytest.raises(ValueError, match="threads must be at least 1"):
         nearest([], [], threads=0)
+
+
+def test_threads_are_as_many_as_the_cores_that_the_process_may_run_on(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {5, 9, 11}, raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 96)
+    assert (thread_count(None), thread_count(7)) == (3, 7)
+    monkeypatch.delattr(os, "sched_getaffinity")
+    assert thread_count(None) == 96

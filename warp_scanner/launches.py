@@ -49,10 +49,16 @@ def share_out(launch: Callable[[int, int], None], count: int, threads: int, at_o
 
 
 def thread_count(threads: int | None) -> int:
-    """How many threads to use; by default as many as the machine has cores."""
+    """How many threads to use; by default as many as there are cores that this process may run on."""
     if threads is not None and threads < 1:
         raise ValueError(f"threads must be at least 1, got {threads}")
-    return threads or os.cpu_count() or 1
+    return threads or _cores()
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):  # of a cluster's machine a job has but a part
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def parts_of(sizes: np.ndarray, most: int) -> list[slice]:

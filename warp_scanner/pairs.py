@@ -4,7 +4,6 @@ R rooms, P pixels. World frame: metres, z up.
 """
 
 import dataclasses
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -12,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_scanner import draws
+from warp_scanner.launches import thread_count
 from warp_scanner.rooms import THESIS, VARIED, RoomConfig
 from warp_scanner.scan import Rays, Scan, cast_slots
 from warp_scanner.scenarios import SceneConfig, Scenes, TrueBox, make_scenes
@@ -152,7 +152,7 @@ def make_pairs(
     index = np.asarray(index)
     if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer) or np.any(index < 0):
         raise ValueError(f"index must be (R,) integers of at least 0, got {index.dtype} {index.shape}")
-    threads = threads or os.cpu_count() or 1
+    threads = thread_count(threads)
     size = max(1, min(_SCENES_AT_ONCE, -(-len(index) // threads)))
     starts = range(0, max(len(index), 1), size)
     with ThreadPoolExecutor(threads) as pool:

@@ -6,7 +6,6 @@ origin, its floor half its height below it.
 """
 
 import dataclasses
-import os
 from concurrent.futures import ThreadPoolExecutor
 from math import ceil, pi
 
@@ -16,6 +15,7 @@ from warp_scanner import draws, footprints
 from warp_scanner.clutter import ClutterConfig, build_clutter, spread_clutter
 from warp_scanner.footprints import Footprints
 from warp_scanner.furniture import FurnitureConfig, build_furniture, chosen_places, spread_furniture
+from warp_scanner.launches import thread_count
 from warp_scanner.scenes import BOX, CEILING, CYLINDER, FLOOR, PILLAR, WALL, Primitives, Tags, join, solids, take_slots
 from warp_scanner.settings import Range, check_settings
 from warp_scanner.sites import Site
@@ -112,7 +112,7 @@ def make_rooms(
         rows = slice(start, start + _ROOMS_AT_ONCE)
         return _make_rooms(config, draws.keys(seed, index[rows], variant[rows]))
 
-    threads = threads or os.cpu_count() or 1
+    threads = thread_count(threads)
     if threads == 1 or len(starts) == 1:
         parts = [part(start) for start in starts]
     else:
