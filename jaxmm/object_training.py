@@ -4,8 +4,9 @@
 
 K candidates, F clues. What each of them is, is known: the true object whose box holds most of its points. Rooms are of
 both kinds, with and without furniture, with one change, several or none, walls free or against others; priors are
-buildings and clouds, sensors ideal, as built, and spinning. A tenth of the rooms is kept from training, to say how
-well it does. Where draws of rooms are kept, the same command goes on with those that are missing.
+buildings and clouds, sensors ideal, as built, and spinning; ranges settle first, as in `detect`. A tenth of the rooms
+is kept from training, to say how well it does. Where draws of rooms are kept, the same command goes on with those that
+are missing.
 """
 
 import argparse
@@ -36,6 +37,7 @@ from jaxmm.objects import ObjectSettings, examine
 from jaxmm.progress import bar_of
 from jaxmm.room_scans import RoomCase, as_cloud, room_cases, true_boxes
 from jaxmm.runs import versions
+from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import rays_of_scan
 from jaxmm.weights import DEFAULT
 
@@ -139,7 +141,7 @@ def _floored(limit: float) -> np.float32:
 def _examples_of_room(case: RoomCase, judges: Judges, of_cloud: bool, draw: np.random.Generator) -> Examples:
     prior = as_cloud(case) if of_cloud else case.prior
     try:
-        looked = look_at(prior, rays_of_scan(case.scan), judges)[0]
+        looked = look_at(prior, rays_of_scan(settled(case.scan).scan), judges)[0]
     except InputError:  # hardly anything of the cloud in view
         return _joined([])
     parts = []
