@@ -51,7 +51,7 @@ def prior_view(pair: CloudPair, apart: np.ndarray, threads: int | None = None) -
     Args:
         pair: both clouds.
         apart: (N,) [m] from each point of the prior to the nearest of the robot's.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
     """
     seen, other = side_of(pair.prior, pair.sensor), side_of(pair.robot, pair.sensor)
     count, residual, margin = _looked(seen, other, threads)

@@ -36,7 +36,7 @@ def gather(
         pairs: scans of R rooms.
         seen: of each pair the points that are judged, those of the other side, and the distances from the first to
             the nearest of the second (N,) [m].
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
     """
     rooms = len(pairs.pose.yaw)
     if config.preprocess.evidence == "none":

@@ -70,7 +70,7 @@ def clouds_of(
         config: how to preprocess and to label.
         source: what the pairs are of.
         pairs: scans of R rooms.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
         sides: from `sides_of`, for models that share their pairs; made here when left out.
         gatherer: of the evidence, with the arguments of `gather`.
     """

@@ -26,8 +26,9 @@ MOST_LEFT = 0.04  # [m] after they have settled once; with more, those of any sl
 MOST_STRAY = 0.2  # share of the points; of a scan with more, planes tell nothing
 SAMPLED = 6000  # rays that tell of the noise
 AROUND = 0.5  # [m] within which ranges may err
-EXACT = 2.5e-5  # [m] from a plane, of a fifth of the rays: as with a normal error of 0.1 mm, which nobody measures
-LEAST_EXACT = 0.2  # share of the rays, for much of a room may be round
+EXACT = 2.5e-5  # [m] from a plane, of a fifth of the rays that tell: as with a normal error of 0.1 mm
+LEAST_EXACT = 0.2  # share of these rays, for much of a room may be round
+MOST_EXACT = 1e-3  # [m] noise of an exact scan: ranges in steps, as of a stereo camera, have equal ones too
 LEAST_POINTS = 1000  # of a scan that tells what its sensor does
 AT_ONCE = 8192  # rays, whose neighbours fit into a core's cache
 
@@ -36,7 +37,7 @@ class Settled(NamedTuple):
     """A scan after its ranges have settled."""
 
     scan: PosedScan
-    sigma: float  # [m] standard deviation of its ranges, at the middle one of them; 0 of exact ones
+    sigma: float  # [m] standard deviation of its ranges, at the middle one; 0 of exact ones, and where nothing tells
     stray: float  # share of its points that hang between surfaces, or trail behind edges
 
 
@@ -57,10 +58,10 @@ def settled(scan: PosedScan) -> Settled:
     direction = offset / reach[:, None]
     tree = small_gicp.KdTree(direction, num_threads=thread_count(None))
     off, of = _off_planes(tree, direction, reach)
-    if not len(off) or np.quantile(np.abs(off), LEAST_EXACT) < EXACT:
-        return Settled(scan, 0.0, 0.0)
     noise = noise_of(off, np.ones(len(off)), of)
     sigma = float(sigma_at(noise, np.median(reach)))
+    if not len(off) or (sigma < MOST_EXACT and np.quantile(np.abs(off), LEAST_EXACT) < EXACT):
+        return Settled(scan, 0.0, 0.0)
     near = nearest_rays(tree, direction, NEIGHBOURS)
     distance = _distances(direction, reach, sigma_at(noise, reach), near)
     kept = np.isfinite(distance)

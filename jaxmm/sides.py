@@ -31,7 +31,7 @@ def sides_of(config: Config, pairs: Pairs, threads: int | None = None) -> Sides:
     Args:
         config: how.
         pairs: scans of R rooms.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
     """
     return Sides(*(_preprocessed(config, pairs, scan, threads) for scan in (pairs.dt, pairs.robot)))
 

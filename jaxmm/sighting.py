@@ -59,7 +59,7 @@ def prior_views(
         sensor: of both scans.
         expected: from `expected_of`.
         seen: the DT points that are left of each room, and their distances to the robot's points (N,) [m].
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
     """
     spacing = np.radians(max(sensor.spacing))
     targets = []

@@ -51,7 +51,7 @@ def evidence_features(
         scenario: fixes which of them is the prior's.
         viewpoint: of both.
         elements: whether to know the elements of the prior's points; the robot's never are.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
     """
     removed = scenario.endswith("removed")
     prior, robot = (scan.points, scan.other) if removed else (scan.other, scan.points)

@@ -84,6 +84,17 @@ def test_an_exact_scan_may_be_rounded_to_a_tenth_of_a_millimetre(room, grid, exa
     assert (found.scan is rounded) == exact == (found.sigma == 0.0)
 
 
+def test_ranges_in_steps_of_a_stereo_camera_are_not_exact(room):
+    """Within one step of the disparity all ranges are of one plane, to the bit; others are off by centimetres."""
+    direction, reach = room
+    ahead = direction[:, 0]
+    rng = np.random.default_rng(0)
+    step, pixels = 1 / 8, 15.0  # [px], and of a metre's depth
+    disparity = pixels / (reach * ahead) + 0.02 * rng.standard_normal(len(reach))
+    found = settled(scan_of(direction, pixels / (np.maximum(np.round(disparity / step), 1.0) * step) / ahead))
+    assert found.sigma > 0.005 and found.scan.points.shape[0] > 0.8 * len(reach)
+
+
 def test_an_exact_scan_of_mostly_round_things_is_given_back_as_it_is():
     """Three quarters of the view are a dome 1.5 m around a place 0.4 m ahead: planes through neighbours are off it."""
     direction = OAK_D_PRO_SMALL.directions().astype(np.float64)

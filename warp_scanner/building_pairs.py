@@ -108,7 +108,7 @@ def make_building_pairs(
         building: from read_building.
         config: what to make.
         index: (R,) numbers, at least 0.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Raises:
         ValueError: index is not (R,) or holds a negative number; the building has no such storey; something is to be

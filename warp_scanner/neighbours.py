@@ -35,7 +35,7 @@ def nearest(clouds: Sequence[np.ndarray], others: Sequence[np.ndarray], threads:
     Args:
         clouds: (N, 3) each [m], N differs and may be 0.
         others: as many, (M, 3) each [m], M differs and may be 0.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Raises:
         ValueError: the numbers of clouds differ, or a cloud is not (N, 3), finite and within 1e15 m.

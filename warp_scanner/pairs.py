@@ -142,11 +142,11 @@ def make_pairs(
     Args:
         config: what to make.
         index: (R,) room numbers, at least 0.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
         localise: where the robot believes to be once it has compared both scans; the prior is then scanned from there.
 
     Raises:
-        ValueError: index is not (R,) or holds a negative number.
+        ValueError: index is not (R,) or holds a negative number, or threads are fewer than one.
         RuntimeError: the settings leave no space for a scene.
     """
     index = np.asarray(index)

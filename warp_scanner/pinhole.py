@@ -39,7 +39,7 @@ def cast_image(
         present: (R, K) bool, False leaves a primitive out; None = all are there.
         sensor: the camera.
         pose: of R sensors.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Raises:
         ValueError: the shapes disagree, or a position is not finite.

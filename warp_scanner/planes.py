@@ -44,7 +44,7 @@ def on_planes(
         margin: (P,) [m] within which each range is that of a plane.
         neighbour: (S, K <= 64) int of P: rays close to each chosen one, itself among them.
         chosen: (S,) int of P; None: all.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Raises:
         ValueError: the shapes disagree, K is too large, a neighbour is no ray, or a range is not positive.

@@ -28,7 +28,7 @@ def points_of(pose: Pose, directions: np.ndarray, distance: np.ndarray, threads:
         pose: of R sensors.
         directions: (P, 3) unit vectors in the sensor frame.
         distance: (R, P) [m], inf = no return.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
     """
     point = np.empty((*np.shape(distance), 3), np.float32)
     scan = _ranges(pose, directions, distance)
@@ -58,7 +58,7 @@ def tall_points(
         directions: (P, 3) unit vectors in the sensor frame.
         scan: (R, P); elements of returns are at least 0.
         limits: heights of floor and ceiling (R,) [m], threshold [m] and tolerance [m].
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Returns:
         For each room what stays. None, rarely, where the median of an object falls between two returns on different

@@ -97,7 +97,7 @@ def make_rooms(
         seed: at least 0.
         index: (R,) room numbers.
         variant: (R,) or one number; another layout of the same room number.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Returns:
         R rooms with the same number of slots whatever the batch. Element ids are fixed places: floor 0, ceiling 1,

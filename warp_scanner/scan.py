@@ -42,7 +42,7 @@ def cast_rays(primitives: Primitives, present: np.ndarray | None, rays: Rays, th
         primitives: the scene, R rooms.
         present: (R, K) bool, which primitives are there; None means all of them.
         rays: origins, directions and, if the directions are in a sensor's frame, its rotation.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Raises:
         ValueError: the shapes disagree, or a direction is not of unit length.

@@ -29,7 +29,7 @@ def cast(
         present: (R, K) bool, False leaves a primitive out; None = all are there.
         sensor: any.
         pose: of R sensors.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Raises:
         ValueError: the shapes disagree, or a position is not finite.
@@ -75,7 +75,7 @@ def measured(
         scene: the primitives, and (R, K) bool which of them are there.
         seen: the sensor with its imperfections, and its poses.
         which: seed and (R,) room numbers: they fix every error.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
     """
     (sensor, pose), incidence = seen, None
     if sensor.imperfections.grazing_dropout > 0.0:

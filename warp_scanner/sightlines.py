@@ -120,7 +120,7 @@ def look(
         predicted: what the rays should meet.
         width: (R, P) half width [rad] of what each ray stands for, where rays are points of a thinned cloud: those
             that end before a point count as BLOCKED if the point lies within their width.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Raises:
         ValueError: the shapes disagree.

@@ -23,7 +23,7 @@ def surface_distance(
         primitives: of R rooms, K slots.
         present: (R, K) bool, False leaves a primitive out; None = all are there.
         points: (N, 3) [m] world for each room; N differs and may be 0.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Returns:
         (N,) float32 [m] for each room; infinity in a room without primitives.

@@ -60,7 +60,7 @@ def cast_triangles(
         scene: from `prepare`.
         rays: of R views; origins as offsets from the building's origin.
         present: (E,) or (R, E) bool, which elements are there; None means all of them.
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Raises:
         ValueError: the shapes disagree, or a direction is not of unit length.

@@ -27,7 +27,7 @@ def thin_clouds(clouds: Sequence[np.ndarray], size: float = 0.1, threads: int | 
     Args:
         clouds: (N, 3) each [m], N differs and may be 0.
         size: edge of a voxel [m].
-        threads: how many to use; by default as many as the machine has cores.
+        threads: how many to use; by default one for each core it may run on.
 
     Returns:
         (V,) int64 indices into each cloud, ascending, one per occupied voxel.
