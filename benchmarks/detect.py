@@ -7,7 +7,6 @@ as many threads, without gradients, one model after the other. Both answer with 
 """
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import numpy as np
 from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.config import COMPACT, THESIS, NetworkConfig
 from jaxmm.train import init_model, probabilities
+from warp_scanner.cores import core_count
 
 MODELS = 4
 
@@ -34,7 +34,7 @@ def theirs(distance: np.ndarray, network: NetworkConfig):
 
     from benchmarks.torch_networks import PointNetwork
 
-    torch.set_num_threads(os.cpu_count() or 1)
+    torch.set_num_threads(core_count())
     models = [PointNetwork(network).eval() for _ in range(MODELS)]
     x = torch.from_numpy(np.ascontiguousarray(distance.T[None]))
 

@@ -1,6 +1,5 @@
 """Timing that is fair to compiled code: the first call is reported apart, then the median of many."""
 
-import os
 import platform
 import statistics
 import time
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jaxmm.files import write_json
+from warp_scanner.cores import core_count
 
 try:
     import jax
@@ -45,7 +45,7 @@ def machine(*packages: str) -> dict[str, Any]:
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return {
         "processor": names[0] if names else platform.processor(),
-        "cores": os.cpu_count(),
+        "cores": core_count(),
         "python": platform.python_version(),
         "packages": {name: metadata.version(name) for name in packages},
     }

@@ -1,6 +1,5 @@
 """The network as PyTorch users write it, and its training step: what benchmarks compare with."""
 
-import os
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +8,7 @@ from torch import nn
 
 from jaxmm.batches import Batch
 from jaxmm.config import Config, NetworkConfig
+from warp_scanner.cores import core_count
 
 
 class PointNetwork(nn.Module):
@@ -37,7 +37,7 @@ def block(inputs: int, outputs: int, dropout: float) -> list[nn.Module]:
 
 def torch_step(batch: Batch, config: Config, compiled: bool):
     """A function that trains as many networks as the batch has scenarios by one step each, one after the other."""
-    torch.set_num_threads(os.cpu_count() or 1)
+    torch.set_num_threads(core_count())
     models = [PointNetwork(config.network) for _ in batch.features]
     adams = [
         torch.optim.Adam(model.parameters(), config.train.learning_rate, weight_decay=config.train.weight_decay)

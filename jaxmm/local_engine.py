@@ -7,7 +7,6 @@ process keeps nothing of those before, so that however many it does, its peak is
 
 import itertools
 import multiprocessing
-import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from multiprocessing import resource_tracker
@@ -15,6 +14,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from jaxmm import heap
+from warp_scanner.cores import core_count
 
 Task = tuple[int, ...]
 
@@ -32,7 +32,7 @@ def results(function: Callable[..., Any], tasks: Iterable[Task], workers: int | 
         RuntimeError: a process was killed, for want of memory perhaps.
         Exception: whatever the function raised.
     """
-    workers = workers or len(os.sched_getaffinity(0))
+    workers = workers or core_count()
     if workers == 1:
         heap.share()
         yield from ((task, function(*task)) for task in tasks)

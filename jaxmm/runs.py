@@ -7,7 +7,6 @@ import fcntl
 import hashlib
 import importlib.metadata
 import json
-import os
 import platform
 import subprocess
 from collections.abc import Iterator
@@ -27,6 +26,7 @@ from jaxmm.files import load_json, write_atomically, write_json, write_text
 from jaxmm.inputs import InputError
 from jaxmm.shards import MANIFEST
 from jaxmm.train import Model, init_all
+from warp_scanner.cores import core_count
 
 CONFIG, VERSIONS, METRICS, MODELS = "config.toml", "versions.json", "metrics.jsonl", "models.safetensors"
 PACKAGES = (
@@ -150,7 +150,7 @@ def versions() -> dict[str, Any]:
     return {
         "python": platform.python_version(),
         "machine": platform.machine(),
-        "threads": os.cpu_count(),
+        "threads": core_count(),
         "packages": {name: importlib.metadata.version(name) for name in PACKAGES},
         "code": _code_hash(),
         "git_commit": _git_commit(),

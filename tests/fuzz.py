@@ -21,6 +21,7 @@ import numpy as np
 
 from tests.damage import damaged
 from tests.valid_files import MODELS, PRIORS, SCANS
+from warp_scanner.cores import core_count
 
 ROOT = Path(__file__).resolve().parents[1]
 SECONDS = 20  # of computing, after which a reader hangs
@@ -174,7 +175,7 @@ def main() -> int:
                 (options.keep / f"{name}-{number}{valid.ending}").write_bytes(damaged(name, valid, number))
         return 0
     failed = 0
-    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+    with concurrent.futures.ThreadPoolExecutor(core_count()) as pool:
         for name, failures in zip(names, pool.map(lambda name: run([name], options.first, last), names), strict=True):
             failed += len(failures)
             print(f"{name}: {options.count} cases, {len(failures)} failed", flush=True)

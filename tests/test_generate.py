@@ -239,7 +239,7 @@ def test_a_folder_of_something_else_is_refused_and_left_alone(config, expected, 
 def test_a_machine_with_more_cores_goes_on_with_the_same_folder(config, expected, tmp_path, monkeypatch, refused, said):
     write_all(tmp_path, expected)
     made(tmp_path)[-1].unlink()
-    monkeypatch.setattr(runs.os, "cpu_count", lambda: 96)
+    monkeypatch.setattr(runs, "core_count", lambda: 96)
     arguments = ["generate", config, "--out", tmp_path, "--count", COUNT, "--workers", 1]
     assert said(*arguments, "--repair")[0] == 0 and files(tmp_path) == expected
     versions = json.loads(expected["versions.json"])

@@ -18,6 +18,7 @@ from jaxmm import files, runs
 from jaxmm.config import Config, NetworkConfig, Table, load
 from jaxmm.inputs import InputError
 from jaxmm.train import init_all
+from warp_scanner.cores import core_count
 
 CONFIG = Config(network=NetworkConfig((4, 8), (4,)), room=Table.of({"size": [9.0, 9.0, 3.0]}))
 
@@ -120,7 +121,7 @@ def test_a_new_run_folder_holds_settings_and_versions(tmp_path):
     versions = json.loads((folder / "versions.json").read_text())
     assert versions == runs.versions()
     assert versions["packages"]["jax"] == jax.__version__ and versions["packages"]["numpy"] == np.__version__
-    assert versions["threads"] == os.cpu_count() and versions["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert versions["threads"] == core_count() and versions["python"] == ".".join(map(str, sys.version_info[:3]))
     with runs.open_run(folder, CONFIG):  # and it opens again
         pass
 
@@ -144,7 +145,7 @@ def test_other_settings_are_refused(tmp_path):
 def test_another_number_of_cores_is_refused_where_it_matters(tmp_path, monkeypatch):
     with runs.open_run(tmp_path, CONFIG):
         pass
-    monkeypatch.setattr(runs.os, "cpu_count", lambda: 96)
+    monkeypatch.setattr(runs, "core_count", lambda: 96)
     refused(lambda: runs.open_run(tmp_path, CONFIG).__enter__(), tmp_path, "other threads")
     with runs.open_run(tmp_path, CONFIG, threads_matter=False):
         assert runs.read_config(tmp_path) == CONFIG

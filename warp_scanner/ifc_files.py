@@ -8,7 +8,6 @@ roofs) stays as its parts. Elements whose shape cannot be made are listed with t
 
 import dataclasses
 import itertools
-import os
 from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +16,7 @@ import numpy as np
 
 from warp_scanner.building_arrays import packed, unpacked
 from warp_scanner.buildings import AS_IT_IS, Building, Failure, Found, Part, ReadOptions, Storeys, assemble
+from warp_scanner.cores import core_count
 from warp_scanner.guarded import Plain, limits_for, read_guarded
 from warp_scanner.ifc_maps import to_map
 from warp_scanner.ifc_model import check_text, import_ifcopenshell, open_model, unit_scale
@@ -227,9 +227,7 @@ def _shapes(model: Any, products: list[Any]) -> tuple[dict[int, _Shape], dict[in
     shapes: dict[int, _Shape] = {}
     if not products:
         return shapes, {}
-    iterator = ifcopenshell.geom.iterator(
-        settings, model, os.cpu_count() or 1, include=products, geometry_library=_KERNEL
-    )
+    iterator = ifcopenshell.geom.iterator(settings, model, core_count(), include=products, geometry_library=_KERNEL)
     for made in iterator:
         _keep(shapes, made)
     reasons = {}

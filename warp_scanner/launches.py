@@ -1,6 +1,5 @@
 """How kernels are fetched, fed and shared out on the CPU, where a launch runs on one core."""
 
-import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -9,6 +8,7 @@ from types import ModuleType
 import numpy as np
 import warp as wp
 
+from warp_scanner.cores import core_count
 from warp_scanner.quiet import start_quietly
 
 wp.config.log_level = wp.LOG_WARNING
@@ -52,13 +52,7 @@ def thread_count(threads: int | None) -> int:
     """How many threads to use; by default as many as there are cores that this process may run on."""
     if threads is not None and threads < 1:
         raise ValueError(f"threads must be at least 1, got {threads}")
-    return threads or _cores()
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):  # of a cluster's machine a job has but a part
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return threads or core_count()
 
 
 def parts_of(sizes: np.ndarray, most: int) -> list[slice]:
