@@ -106,15 +106,25 @@ def place(
     )
     angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0)))
     shift = float(np.linalg.norm(moved.position - scan.position))
-    return Placed(moved, shift, float(angle), found.residual, overlap, found.overlap_before, _doubts(found))
+    return Placed(
+        moved, shift, float(angle), found.residual, overlap, found.overlap_before, _doubts(found, shift, limits)
+    )
 
 
-def _doubts(found: Registration) -> tuple[str, ...]:
+def _doubts(found: Registration, shift: float, limits: FitLimits) -> tuple[str, ...]:
+    """What speaks against it: that it may be of another place, or that it fits only where nobody believed it."""
+    moved: tuple[str, ...] = ()
+    if found.overlap_before < limits.least_overlap:  # a new wall that fills the view fits any old one near by
+        moved = (
+            f"only {found.overlap_before:.0%} of its points match the prior as it was given, and "
+            f"{found.overlap:.0%} when moved by {shift:.2f} m: was its pose so far off? "
+            "If not, what it sees is new, and is found with --no-refine",
+        )
     if found.asked < LEAST_ASKED:  # false for NaN, of a scan without walls
-        return (f"the prior could show only {found.asked:.0%} of the walls that it sees: is it of this place?",)
+        return (f"the prior could show only {found.asked:.0%} of the walls that it sees: is it of this place?", *moved)
     if found.upright < DOUBTED:
-        return (f"only {found.upright:.0%} of {_walls_of(found)} lies on walls: is it of this place?",)
-    return ()
+        return (f"only {found.upright:.0%} of {_walls_of(found)} lies on walls: is it of this place?", *moved)
+    return moved
 
 
 def _walls_of(found: Registration) -> str:

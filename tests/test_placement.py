@@ -173,3 +173,18 @@ def test_a_scan_of_which_few_walls_fit_is_asked_about():
     kept = prior[~wall | (np.abs(ahead) < 0.3)]
     found = place(scan, kept, limits=FitLimits(least_upright=0.0))
     assert len(found.notes) == 1 and found.notes[0].startswith("only ") and "is it of this place?" in found.notes[0]
+
+
+def test_a_scan_that_fits_only_where_nobody_believed_it_is_asked_about():
+    """A new wall fills the view: it lies on the old one 0.7 m behind, once moved there, so either may be meant."""
+    y, z = np.meshgrid(np.arange(-3.0, 3.0, 0.03), np.arange(0.0, 3.0, 0.03))
+    old = np.column_stack([np.full(y.size, 1.5), y.ravel(), z.ravel()]).astype(np.float32)
+    sensor = np.array([0.0, 0.0, 1.4])
+    near = (np.abs(old[:, 1]) < 0.6) & (np.abs(old[:, 2] - sensor[2]) < 0.4)
+    new = PosedScan((old[near] - np.float32([0.7, 0.0, 0.0])), sensor, np.eye(3), None)
+    moved = place(new, old)
+    assert moved.shift == pytest.approx(0.7, abs=0.05) and moved.overlap == 1.0 and moved.overlap_before == 0.0
+    assert len(moved.notes) == 1 and "when moved by 0.7" in moved.notes[0] and "--no-refine" in moved.notes[0]
+    assert not place(new, old, refine=False).notes
+    little = place(new._replace(points=new.points + np.float32([0.66, 0.0, 0.0])), old)
+    assert little.shift < 0.1 and not little.notes
