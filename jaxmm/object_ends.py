@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.object_candidates import Candidate
 from jaxmm.object_finish import FAR, INSIDE, Crossed, Finish, Rays, crossed_by, finish_of
 from jaxmm.object_pieces import Piece
 from jaxmm.object_sight import Sight, crossings, crossings_along, upright_patch
@@ -17,6 +18,8 @@ from jaxmm.object_walls import LOOKED_THROUGH, STEP, WallSettings, reach
 
 DEEP_STEPS = 20  # of STEP each, behind a face, in which one looks for the back of a thing
 BACKS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.3)  # [m] behind a face, where one looks along it
+SLENDER = 0.3  # [m] a lone face whose thinned points span less is as wide as all rays show
+THINNED = 0.1  # [m] that thinning takes off either end of a face, at most
 AT_END = 0.2  # [m] of an end a point is at it
 HEIGHTS = (0.1, 0.3, 0.5, 0.7, 0.9)  # quantiles of all points of a thing, for which the edge of the view is sought
 
@@ -79,8 +82,7 @@ def ends_of(
             finish_of(crossed_from(_asked(sight, piece, end)), piece.face.length, way),
         )
 
-    nearer = 1.0 if (piece.origin[:2] - piece.face.center) @ piece.face.along > 0.0 else -1.0
-    return end_at(nearer), end_at(-nearer)
+    return end_at(piece.nearer), end_at(-piece.nearer)
 
 
 def back_of(looks: Sequence[Look], piece: Piece, settings: WallSettings) -> float:
@@ -95,6 +97,29 @@ def back_of(looks: Sequence[Look], piece: Piece, settings: WallSettings) -> floa
             if crossings(look.sight, patch, settings.tolerance).free > LOOKED_THROUGH:
                 return back
     return FAR
+
+
+def as_all_rays_show(sight: Sight, looks: Sequence[Look], candidate: Candidate, tolerance: float) -> Candidate:
+    """A lone slender face, grown to where all rays show that it ends; any other candidate as it is.
+
+    Of a face a quarter of a metre wide thinned points may span half, and what is left tells nothing of its shape.
+
+    Args:
+        sight: of all points.
+        looks: (S,) the same, scan by scan.
+        candidate: of thinned points.
+        tolerance: [m] from the line of a face, within which a ray that ends is on it.
+    """
+    first = candidate.first
+    if len(candidate.pieces) > 1 or first.face is None or first.face.length >= SLENDER:
+        return candidate
+    z, half = sight.points[candidate.members, 2], first.face.length / 2
+    crossed = _crossed(looks, _asked(sight, first, first.face.center), first, z)
+    on = (np.abs(crossed.past) <= tolerance) & (np.abs(crossed.place) <= half + THINNED)
+    low, high = crossed.place[on].min(initial=-half), crossed.place[on].max(initial=half)
+    center = first.face.center + (low + high) / 2 * first.face.along
+    face = first.face._replace(center=center, length=float(high - low))
+    return candidate._replace(pieces=(first._replace(face=face),))
 
 
 def _asked(sight: Sight, piece: Piece, end: np.ndarray) -> tuple[float, ...]:

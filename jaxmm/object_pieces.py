@@ -53,6 +53,11 @@ class Piece(NamedTuple):
         across = self.face.across
         return across if (self.origin[:2] - self.face.center) @ across >= 0.0 else -across
 
+    @property
+    def nearer(self) -> float:
+        """-1 or 1, which end of the face is nearer to where it was seen from; of two as near, the first."""
+        return 1.0 if (self.origin[:2] - self.face.center) @ self.face.along > 0.0 else -1.0
+
 
 def pieces_of(sight: Sight, chosen: np.ndarray, loose: np.ndarray, settings: PieceSettings) -> list[Piece]:
     """Faces and round shafts among the chosen points, cluster by cluster.

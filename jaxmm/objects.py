@@ -18,7 +18,7 @@ from jaxmm.boxes import Box
 from jaxmm.building_grid import Uprights, grid_near
 from jaxmm.object_candidates import Candidate, candidates_of
 from jaxmm.object_clues import CLUES, ONTO, Opinions, clues_of
-from jaxmm.object_ends import Look
+from jaxmm.object_ends import Look, as_all_rays_show
 from jaxmm.object_finish import Rays
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.object_levels import levels_of
@@ -48,6 +48,7 @@ class Examined(NamedTuple):
     """The candidates of a side, before anyone says what they are."""
 
     sight: Sight
+    looks: list[Look]  # the same, scan by scan; none without a candidate
     candidates: list[Candidate]
     clues: np.ndarray  # (C, F) of object_clues.CLUES
 
@@ -108,11 +109,11 @@ def find_objects(
             is not above the floor.
     """
     settings, known = settings or ObjectSettings(), known or KnownBuilding()
-    sight, candidates, clues = examine(judged, settings, known.uprights)
+    sight, looks, candidates, clues = examine(judged, settings, known.uprights)
     share = judge_objects(judge or default_judge(), clues)
     allowed = []
     for one, odds in zip(candidates, share, strict=True):
-        solids = _solids(sight, one, odds, settings, known)
+        solids = _solids(sight, as_all_rays_show(sight, looks, one, settings.tolerance), odds, settings, known)
         fitting = (solid for solid in solids if allows is None or allows(_found(sight, solid, settings)))
         allowed += itertools.islice(fitting, 1)
     found = [_found(sight, one, settings) for one in without_splinters(sight, allowed, settings)]
@@ -166,7 +167,7 @@ def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None 
 
     looks = _looks(judged, sight) if candidates else []
     clues = [clues_of(sight, looks, one, opinions, grid_at(*one.first.origin[:2]), settings) for one in candidates]
-    return Examined(sight, candidates, np.array(clues).reshape(-1, len(CLUES)))
+    return Examined(sight, looks, candidates, np.array(clues).reshape(-1, len(CLUES)))
 
 
 def _looks(judged: Judged, sight: Sight) -> list[Look]:

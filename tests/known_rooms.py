@@ -3,6 +3,7 @@
 import numpy as np
 
 from jaxmm.object_finish import Rays
+from jaxmm.object_judge import KINDS, ObjectJudge
 from jaxmm.objects import Judged
 from warp_scanner.points import points_of
 from warp_scanner.scenes import BOX, Tags, join, solids
@@ -58,3 +59,10 @@ def judged(*changed, others=(), poses=((*SENSOR, 0.0),), noise=0.0):
     probability = np.where(new, 0.95, 0.02)
     apart = np.where(new, 1.0, 0.0)
     return Judged(points, probability, probability, apart, sensors, FLOOR, CEILING, np.concatenate(scan), tuple(rays))
+
+
+def says(nothing: float, pillar: float, wall: float) -> ObjectJudge:
+    """A judge that gives every candidate the same probabilities."""
+    no_clue, no_limit = np.zeros((1, len(KINDS), 1), np.uint8), np.full((1, len(KINDS), 1), np.inf, np.float32)
+    odds = np.log([nothing, pillar, wall]).astype(np.float32)
+    return ObjectJudge(odds, no_clue, no_limit, np.zeros((1, len(KINDS), 2), np.float32))

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, slab, wall
+from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, says, slab, wall
 
 from jaxmm.box_match import match_boxes
 from jaxmm.boxes import Box
 from jaxmm.object_clues import CLUES
+from jaxmm.object_ends import as_all_rays_show
 from jaxmm.object_finish import Rays
 from jaxmm.object_walls import KnownBuilding
 from jaxmm.objects import Judged, ObjectSettings, examine, find_objects
@@ -97,6 +98,39 @@ def test_the_end_of_a_wall_is_not_a_pillar():
     seen = judged(wall(3.0, 0.0, 2.5, 0.2, 0))
     box = only(find_objects(seen._replace(pillar=np.minimum(seen.pillar, 0.5))), "wall")
     assert len(match_boxes([box], [truth])) == 1
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_slender_face_that_shows_alone_is_as_wide_as_all_rays_show(seed):
+    """Its thinned points, one a voxel of 0.1 m, span as little as half of it."""
+    rng = np.random.default_rng(seed)
+    x, y, width = rng.uniform(0.7, 3.0), rng.uniform(-0.4, 0.4), rng.uniform(0.2, 0.28)
+    seen = judged(pillar(x, y, width, np.degrees(np.arctan2(y, x))))  # squarely before the sensor
+    as_pillar = only(find_objects(seen, judge=says(0.05, 0.9, 0.05)), "pillar")
+    np.testing.assert_allclose(as_pillar.dimensions[:2], width, atol=0.05)
+    np.testing.assert_allclose(as_pillar.center[:2], [x, y], atol=0.05)
+    as_end = only(find_objects(seen, judge=says(0.05, 0.05, 0.9)), "wall")
+    assert min(as_end.dimensions[:2]) == pytest.approx(width, abs=0.05)
+
+
+def test_thinning_takes_no_more_than_a_voxel_off_either_end_of_a_lone_slender_face():
+    """Cut to 0.1 m in the middle it grows by 0.1 m to either side, at one end of its 0.4 m by what is left there."""
+    sight, looks, (seen,), _ = examine(judged(pillar(2.0, 0.0, 0.4)), ObjectSettings())
+    face = seen.first.face
+    np.testing.assert_allclose(face.length, 0.4, atol=0.11)
+
+    def grown(at, length):
+        cut = face._replace(center=np.array([1.8, at]), along=np.array([0.0, 1.0]), length=length)
+        lone = seen._replace(pieces=(seen.first._replace(face=cut),))
+        return lone, as_all_rays_show(sight, looks, lone, 0.05)
+
+    np.testing.assert_allclose(grown(0.0, 0.1)[1].first.face.ends, [[1.8, -0.15], [1.8, 0.15]], atol=0.02)
+    np.testing.assert_allclose(grown(0.12, 0.1)[1].first.face.ends, [[1.8, -0.03], [1.8, 0.2]], atol=0.02)
+    wide, same = grown(0.0, 0.3)
+    assert same is wide
+    lone, _ = grown(0.0, 0.1)
+    two = lone._replace(pieces=lone.pieces * 2)
+    assert as_all_rays_show(sight, looks, two, 0.05) is two
 
 
 @pytest.mark.parametrize("high", [1.0, 1.8, 2.2])
