@@ -27,7 +27,7 @@ from jaxmm.scan_files import PointScan, read_scans
 from jaxmm.scan_places import OwnScan, fitting_prior, lay, own_scan
 from jaxmm.scan_poses import GivenPose
 from jaxmm.scan_rays import PosedScan
-from jaxmm.viewpoint import doubts_about, estimate
+from jaxmm.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other
 from jaxmm.weights import DEFAULT
 from warp_scanner.building_poses import inside
 from warp_scanner.buildings import ReadOptions, bounds
@@ -193,14 +193,29 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
         camera = sensor or OAK_D_PRO
         if not isinstance(camera, Pinhole):
             raise InputError("only the viewpoint of a camera can be estimated from its points; give it with --pose")
-        viewpoint = estimate(thin, camera.horizontal_fov, camera.vertical_fov, pitch=None)
+        viewpoint, by = _viewpoint(prior, thin, camera)
         view = f"{camera.horizontal_fov:g} x {camera.vertical_fov:g} degrees"
-        notes.append(f"its pose is estimated, for a camera that sees {view}")
+        notes.append(f"its pose is estimated{by}, for a camera that sees {view}")
         pose = viewpoint.position, GivenPose(viewpoint.position, viewpoint.yaw, viewpoint.pitch).rotation
         deviation = tuple(float(value) for value in viewpoint.deviation)
     placed = PosedScan((points - prior.origin).astype(np.float32), pose[0] - prior.origin, pose[1], sensor)
     _check_place(prior, placed, source)
     return NamedScan(placed, name, len(scan.points), source, deviation, (*notes, *doubts), bool(doubts))
+
+
+def _viewpoint(prior: Prior, thin: np.ndarray, camera: Pinhole) -> tuple[Viewpoint, str]:
+    """Where a camera stood, as its own points tell it, or else a prior that was scanned from there; and whose do."""
+    view = camera.horizontal_fov, camera.vertical_fov
+    try:
+        return estimate(thin, *view, pitch=None), ""
+    except InputError as alone:
+        if prior.cloud is None:
+            raise
+        try:
+            found = estimate_by_other(thin, prior.cloud.astype(np.float64) + prior.origin, *view)
+        except InputError:
+            raise alone from None
+        return found, " from the points of the prior, which was scanned from the same place"
 
 
 def _check_place(prior: Prior, scan: PosedScan, source: str) -> None:

@@ -98,6 +98,9 @@ def place(
             f"{other if limits.least_closely < 1.0 else ''}; is it of this building? check pose, units and frame, or "
             "believe them (--no-refine)"
         )
+    if found.left:
+        before = found.overlap_before
+        return Placed(scan, 0.0, 0.0, found.residual_before, before, before, _doubts(found, 0.0, limits))
     turn, shift = found.motion[:3, :3], found.motion[:3, 3]
     moved = scan._replace(
         points=(scan.points.astype(np.float64) @ turn.T + shift).astype(np.float32),
@@ -114,7 +117,12 @@ def place(
 def _doubts(found: Registration, shift: float, limits: FitLimits) -> tuple[str, ...]:
     """What speaks against it: that it may be of another place, or that it fits only where nobody believed it."""
     moved: tuple[str, ...] = ()
-    if found.overlap_before < limits.least_overlap:  # a new wall that fills the view fits any old one near by
+    if found.left:
+        moved = (
+            f"the one wall that it sees fits one of the prior's that is {found.left:.2f} m off: it was left where its "
+            "pose has it, and the wall is taken for new; if its pose is off by as much, give a better one",
+        )
+    elif found.overlap_before < limits.least_overlap:  # a new wall that fills the view fits any old one near by
         moved = (
             f"only {found.overlap_before:.0%} of its points match the prior as it was given, and "
             f"{found.overlap:.0%} when moved by {shift:.2f} m: was its pose so far off? "

@@ -3,7 +3,8 @@
 World frame: metres, z up. N points of the scan. Motions are (4, 4) rigid transforms of the scan about the place of the
 sensor. Surfaces that changed have nothing to lie upon: they are left out by how far off they are, first roughly, then
 narrowly. What the surfaces leave open (along a corridor, or before one bare wall) stays as it was believed; and so does
-a scan whose walls lie upon the prior's from the start, whatever else of it does not.
+a scan whose walls lie upon the prior's from the start, whatever else of it does not. One wall alone moves no scan far:
+a new one fits any old one behind it, and a pose that is off is turned, too.
 """
 
 from typing import NamedTuple
@@ -27,6 +28,8 @@ LEAST_SHARE = 0.1  # of the points on walls, and
 LEAST_WALLS = 30  # points, that must match walls to tell so
 FAR = 0.01  # cost of a motion by one standard deviation, in shares of points that match
 WORTH = 0.02  # neighbouring points err alike: so many independent ones is each worth
+LONE_SHIFT, LONE_TURN = 0.3, 0.01  # [m, rad] a lone wall moves nothing so far in plan with no more of a turn
+LONE_WAY, LONE_DEPTH = 0.95, 0.2  # share of its normals that agree, and [m] most that it is deep, of a lone wall
 AROUND, BESIDE = 8, 0.15  # points of a prior about a line of sight, and [m] off it: they say what it meets there
 BEFORE = 0.3  # [m] before a point, from where on they hide it
 LEAST_SIGMA = 0.005  # [m] of a point off its surface
@@ -43,6 +46,7 @@ class Registration(NamedTuple):
     upright: float  # of its points on walls and the like that are asked, the share that match walls; NaN without any
     asked: float  # share of its points on walls that are asked: 1, or those that the prior could show; NaN without any
     closely: float  # `upright` less what may match by chance: 0 where that may be all but a few points
+    left: float = 0.0  # [m] by which a lone wall would have moved the scan to where it fits so; then there is no motion
 
 
 class _Fit(NamedTuple):
@@ -117,8 +121,11 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
     if in_sight_only:
         asked = found._replace(wall=found.wall & _could_show(target.points()[:, :3], _moved(cloud[0], best)))
     share = float(asked.wall.sum() / found.wall.sum()) if found.wall.any() else np.nan
+    left = 0.0
+    if _by_a_lone_wall(cloud[0], normals, found, best):
+        about, left = np.eye(4), float(np.linalg.norm(best[:3, 3]))
     return Registration(
-        about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely
+        about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely, left
     )
 
 
@@ -169,6 +176,23 @@ def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
         return False
     before, after = (float(np.sqrt(np.mean(np.square(fit.off[fit.on_wall])))) for fit in (start, best))
     return before <= AS_CLOSE[0] * after + AS_CLOSE[1]
+
+
+def _by_a_lone_wall(points: np.ndarray, normals: np.ndarray, found: _Fit, motion: np.ndarray) -> bool:
+    """Whether a motion moves points (N, 3), with normals (N, 3), far along the normal of the only wall that matches.
+
+    The walls of a pose that is off are turned, or several match.
+    """
+    step = _step_of(motion)
+    if np.linalg.norm(step[:2]) < LONE_SHIFT or np.linalg.norm(step[3:]) > LONE_TURN or not found.on_wall.any():
+        return False
+    facing = normals[found.on_wall, :2]
+    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+    strength, ways = np.linalg.eigh(facing.T @ facing / len(facing))
+    way, depth = ways[:, 1], points[found.on_wall, :2] @ ways[:, 1]
+    deep = float(np.ptp(np.quantile(depth, (0.05, 0.95))))
+    along = abs(float(step[:2] @ way)) >= LONE_WAY * np.linalg.norm(step[:2])
+    return bool(along and strength[1] >= LONE_WAY and deep <= LONE_DEPTH)
 
 
 def _cheapest(cloud: tuple, motions: list[np.ndarray], believed: tuple[float, ...]) -> np.ndarray:

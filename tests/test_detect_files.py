@@ -93,6 +93,20 @@ def test_scans_of_any_kind_together(room, tmp_path):
     assert found.mismatches == ()
 
 
+def test_a_camera_with_something_right_before_it_stands_where_the_prior_was_scanned_from(room, tmp_path):
+    """A quarter of the view is gone, as where it was filtered out; the pose was never written down."""
+    folder, _ = room
+    points, (in_sensor, position, rotation) = in_world(folder, "a"), rays(folder, "a")
+    part = points[in_sensor[:, 1] > -0.35 * in_sensor[:, 0]]
+    for name, cloud in (("before.npy", points), ("after.npy", part), ("elsewhere.npy", points + [0.5, 0.0, 0.0])):
+        np.save(tmp_path / name, cloud)
+    found = detect(tmp_path / "before.npy", tmp_path / "after.npy")
+    assert found.scans[0].pose_source == "estimated" and close_to(found.scans[0], position, rotation)
+    assert any("from the points of the prior" in note for note in found.scans[0].notes)
+    with pytest.raises(InputError, match="after.npy: the viewpoint cannot be estimated: at best its points touch"):
+        detect(tmp_path / "elsewhere.npy", tmp_path / "after.npy")
+
+
 def test_a_scan_and_pose_on_the_map_are_brought_into_the_building(room, tmp_path):
     ifcopenshell = pytest.importorskip("ifcopenshell")
     folder, case = room

@@ -175,16 +175,33 @@ def test_a_scan_of_which_few_walls_fit_is_asked_about():
     assert len(found.notes) == 1 and found.notes[0].startswith("only ") and "is it of this place?" in found.notes[0]
 
 
-def test_a_scan_that_fits_only_where_nobody_believed_it_is_asked_about():
-    """A new wall fills the view: it lies on the old one 0.7 m behind, once moved there, so either may be meant."""
+def test_a_wall_that_fills_the_view_moves_no_scan_onto_an_old_one_unless_it_is_turned():
+    """It lies on the old one 0.7 m behind, once moved there, so either may be meant; a pose that is off is turned."""
     y, z = np.meshgrid(np.arange(-3.0, 3.0, 0.03), np.arange(0.0, 3.0, 0.03))
     old = np.column_stack([np.full(y.size, 1.5), y.ravel(), z.ravel()]).astype(np.float32)
     sensor = np.array([0.0, 0.0, 1.4])
     near = (np.abs(old[:, 1]) < 0.6) & (np.abs(old[:, 2] - sensor[2]) < 0.4)
     new = PosedScan((old[near] - np.float32([0.7, 0.0, 0.0])), sensor, np.eye(3), None)
-    moved = place(new, old)
-    assert moved.shift == pytest.approx(0.7, abs=0.05) and moved.overlap == 1.0 and moved.overlap_before == 0.0
-    assert len(moved.notes) == 1 and "when moved by 0.7" in moved.notes[0] and "--no-refine" in moved.notes[0]
+    stays = place(new, old)
+    assert stays.shift == stays.turn == stays.overlap == stays.overlap_before == 0.0 and stays.scan is new
+    assert len(stays.notes) == 1 and "0.70 m off: it was left where its pose has it" in stays.notes[0]
     assert not place(new, old, refine=False).notes
+    turned = place(moved(new, np.zeros(3), 2.0), old)
+    assert turned.shift == pytest.approx(0.7, abs=0.05) and turned.overlap == 1.0 and turned.overlap_before == 0.0
+    assert len(turned.notes) == 1 and "when moved by 0.7" in turned.notes[0] and "--no-refine" in turned.notes[0]
     little = place(new._replace(points=new.points + np.float32([0.66, 0.0, 0.0])), old)
     assert little.shift < 0.1 and not little.notes
+
+
+def test_two_walls_that_match_move_a_scan_without_a_turn_too():
+    """As where a survey's frame is off: one wall before and one beside, or two behind each other through a gap."""
+    y, z = np.meshgrid(np.arange(-2.0, 2.0, 0.03), np.arange(0.0, 3.0, 0.03))
+    front = np.column_stack([np.full(y.size, 2.0), y.ravel(), z.ravel()])
+    beside = np.column_stack([y.ravel(), np.full(y.size, 2.0), z.ravel()])
+    behind = front[np.abs(front[:, 1]) < 0.7] + [1.0, 0.0, 0.0]
+    ajar = np.concatenate([front[np.abs(front[:, 1]) > 0.7], behind])
+    for walls, by in ((np.concatenate([front, beside]), [0.3, 0.3, 0.0]), (ajar, [0.42, 0.0, 0.0])):
+        off = PosedScan((walls - by).astype(np.float32), np.array([0.0, 0.0, 1.4]), np.eye(3), None)
+        found = place(off, walls)
+        assert found.shift == pytest.approx(0.42, abs=0.05), found
+        assert found.overlap > 0.95 and "left where" not in str(found.notes), found

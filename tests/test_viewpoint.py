@@ -12,7 +12,7 @@ from jaxmm.inputs import InputError
 from jaxmm.preprocess import voxel_downsample
 from jaxmm.room_scans import room_cases
 from jaxmm.scan_rays import overtaken
-from jaxmm.viewpoint import doubts_about, estimate
+from jaxmm.viewpoint import doubts_about, estimate, estimate_by_other
 from warp_scanner.pairs import PRESETS, make_pairs
 from warp_scanner.points import points_of
 from warp_scanner.voxels import thin_clouds
@@ -179,6 +179,23 @@ def test_part_of_an_edge_may_be_missing():
     assert missing.mean() > 0.1
     apart = difference(estimate(points[~missing]), pose)
     assert np.linalg.norm(apart[:3]) < 0.05 and np.abs(apart[3]) < 0.5
+
+
+def test_what_stands_right_before_a_camera_is_made_up_for_by_another_scan_from_there_and_from_nowhere_else():
+    """A third of the view is gone, with a whole edge: as where a pillar next to the camera was filtered out."""
+    points, pose = scans("thesis")[0]
+    forward, left, _ = local(points, pose).T
+    part = points[left > -0.25 * forward]
+    thin, other = (cloud[voxel_downsample(cloud, 0.1)] for cloud in (part, points))
+    assert "of the edges" in refusal(lambda: estimate(thin))
+    found = estimate_by_other(thin, other, 80.0, 55.0)
+    apart = difference(found, pose)
+    assert np.linalg.norm(apart[:3]) < 0.1 and np.abs(apart[3:]).max() < 1.0 and 0.3 < found.touched < 0.8
+    ahead = np.array([np.cos(np.radians(pose[3])), np.sin(np.radians(pose[3])), 0.0])
+    for shift in (0.5 * ahead, -0.5 * ahead, 0.7 * np.array([-ahead[1], ahead[0], 0.0])):
+        said = refusal(lambda shift=shift: estimate_by_other(thin + shift, other, 80.0, 55.0))
+        assert "in the view of the other scan its points touch" in said
+    assert "of the edges of a view" in refusal(lambda: estimate_by_other(other, thin, 80.0, 55.0))
 
 
 def local(points, pose):
