@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxmm.cloud_sighting import LEVELS
 from jaxmm.evidence import Frame, Noise, View, margins, noise_of, sigma_at
+from jaxmm.placement import Passed
 from jaxmm.priors import Prior
 from jaxmm.scan_rays import ScanRays, frame_of_rays, measured_points
 from jaxmm.sighting import EVERY, FOOTPRINT, MOST_ANGLE
@@ -33,6 +34,7 @@ SAME_CEILING = 0.05  # [m] by which heights of one ceiling may differ
 EDGE = 0.3  # [m] from a point under the edge of a ceiling to that ceiling: a column carries it
 UP, ASIDE = np.array([0.0, 0.0, 1.0]), np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], np.float64)
 BELOW = 0.1  # [m] under a point on a ceiling, from where one sees that ceiling
+CLEARLY = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a surface passes through it
 FARTHEST = 2.0  # [m] beyond which the distance to the prior's surface is not looked for
 
 
@@ -63,6 +65,14 @@ def hits_of(scene: TriangleScene, position: np.ndarray, direction: np.ndarray) -
     scan, face = cast_faces(scene, rays)
     cosine = np.cos(incidence_of(face_normals(scene.triangles, face), rays))[0]
     return Hits(scan.distance[0], scan.element[0], cosine)
+
+
+def passed_by(scene: TriangleScene, rays: ScanRays) -> Passed:
+    """How many of a scan's rays pass through a building, and how many through none of it."""
+    direction, distance = rays.direction[: rays.measured], rays.distance[: rays.measured]
+    expected = cast_triangles(scene, Rays(rays.position[None], direction)).distance[0]
+    through = distance > expected + CLEARLY[0] + CLEARLY[1] * distance
+    return Passed(float(through.mean()), float(np.isinf(expected).mean()))
 
 
 def surfaces_along(scene: TriangleScene, rays: ScanRays) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.building_sighting import sight, surfaces_along
+from jaxmm.building_sighting import passed_by, sight, surfaces_along
 from jaxmm.cloud_comparison import compare, visible
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.inputs import InputError
@@ -108,7 +108,10 @@ def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
     try:
         rays = rays_of_scan(one.scan)
         if prior.has_elements:
-            return place(one.scan, surfaces_along(prior.scene, rays), refine=settings.refine, limits=settings.limits)
+            return place(
+                one.scan, surfaces_along(prior.scene, rays), refine=settings.refine, limits=settings.limits,
+                passed=lambda: passed_by(prior.scene, rays),
+            )  # fmt: skip
         return place(
             one.scan, visible(prior.cloud, rays), refine=settings.refine, limits=settings.cloud_limits,
             in_sight_only=True,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxmm.building_sighting import surfaces_along
+from jaxmm.building_sighting import passed_by, surfaces_along
 from jaxmm.cloud_comparison import visible
 from jaxmm.inputs import InputError
-from jaxmm.placement import OF_CLOUDS, FitLimits, place
+from jaxmm.placement import OF_CLOUDS, FitLimits, Passed, place
 from jaxmm.registration import register
 from jaxmm.room_scans import as_cloud, room_cases
 from jaxmm.scan_rays import PosedScan, rays_of_scan
@@ -173,6 +173,40 @@ def test_a_scan_of_which_few_walls_fit_is_asked_about():
     kept = prior[~wall | (np.abs(ahead) < 0.3)]
     found = place(scan, kept, limits=FitLimits(least_upright=0.0))
     assert len(found.notes) == 1 and found.notes[0].startswith("only ") and "is it of this place?" in found.notes[0]
+
+
+def test_a_view_that_is_all_new_is_believed_where_nothing_contradicts_it():
+    """A wall right before the camera: of the room it sees nothing, or a strip of the floor."""
+    (case,) = room_cases("unchanged", "clean", 21, range(1, 2))
+    prior, scan = case.prior, case.scan
+    direction = (scan.points - scan.position) / np.linalg.norm(scan.points - scan.position, axis=1, keepdims=True)
+
+    def wall_at(depth, kept=slice(0, 0), lifted=0.0):
+        old = scan.points[kept] + np.array([0.0, 0.0, lifted])
+        points = scan.position + direction * (depth / (direction @ scan.rotation[:, 0]))[:, None]
+        return scan._replace(points=np.concatenate([points, old]).astype(np.float32))
+
+    def believed(scan):
+        return placed(prior, scan, passed=lambda: passed_by(prior.scene, rays_of_scan(scan)))
+
+    near, reach = 0.9, np.linalg.norm(scan.points - scan.position, axis=1)
+    assert np.all(near / (direction @ scan.rotation[:, 0]) < reach)
+    lowest = np.flatnonzero(scan.points[:, 2] < scan.points[:, 2].min() + 0.02)[:3000]
+    assert len(lowest) == 3000
+    for view, least, most in ((wall_at(near), 0.0, 0.0), (wall_at(near, lowest), 0.3, 0.7)):  # once thinned
+        found = believed(view)
+        assert found.shift == found.turn == 0.0 and found.scan is view and found.overlap == found.overlap_before
+        assert len(found.notes) == 1 and "taken for new; is it of this place?" in found.notes[0]
+        assert least <= found.overlap <= most
+        with pytest.raises(InputError, match="does not fit the prior"):
+            placed(prior, view)
+    for strange in (wall_at(9.0), wall_at(near, lowest, lifted=0.07)):
+        with pytest.raises(InputError, match="does not fit the prior"):
+            believed(strange)
+    assert placed(prior, wall_at(near), passed=lambda: Passed(0.0, 0.05)).notes
+    for contradicts in (Passed(0.0, 0.5), Passed(0.01, 0.05)):  # little of the prior is in view, or is passed through
+        with pytest.raises(InputError, match="does not fit the prior"):
+            placed(prior, wall_at(near), passed=lambda contradicts=contradicts: contradicts)
 
 
 def test_a_wall_that_fills_the_view_moves_no_scan_onto_an_old_one_unless_it_is_turned():
