@@ -60,6 +60,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.detect
 	$(BIN)/python -m benchmarks.latency
 	$(BIN)/python -m benchmarks.detections --out runs/detections
+	$(BIN)/python -m benchmarks.clouds --out runs/clouds
 	$(BIN)/python -m benchmarks.rivals --out runs/rivals.json
 
 # Ten thousand mutations of valid files for every reader, in subprocesses under limits of time and memory.

@@ -98,12 +98,16 @@ def test_a_camera_with_something_right_before_it_stands_where_the_prior_was_scan
     folder, _ = room
     points, (in_sensor, position, rotation) = in_world(folder, "a"), rays(folder, "a")
     part = points[in_sensor[:, 1] > -0.35 * in_sensor[:, 0]]
-    for name, cloud in (("before.npy", points), ("after.npy", part), ("elsewhere.npy", points + [0.5, 0.0, 0.0])):
+    for name, cloud in (
+        ("before.npy", points),
+        ("after.npy", part),
+        ("elsewhere.npy", points + np.array([0.5, 0.0, 0.0])),
+    ):
         np.save(tmp_path / name, cloud)
     found = detect(tmp_path / "before.npy", tmp_path / "after.npy")
     assert found.scans[0].pose_source == "estimated" and close_to(found.scans[0], position, rotation)
     assert any("from the points of the prior" in note for note in found.scans[0].notes)
-    with pytest.raises(InputError, match="after.npy: the viewpoint cannot be estimated: at best its points touch"):
+    with pytest.raises(InputError, match=r"after\.npy: the viewpoint cannot be estimated: at best its points touch"):
         detect(tmp_path / "elsewhere.npy", tmp_path / "after.npy")
 
 
