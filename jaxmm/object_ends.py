@@ -20,6 +20,7 @@ DEEP_STEPS = 20  # of STEP each, behind a face, in which one looks for the back 
 BACKS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.3)  # [m] behind a face, where one looks along it
 SLENDER = 0.3  # [m] a lone face whose thinned points span less is as wide as all rays show
 THINNED = 0.1  # [m] that thinning takes off either end of a face, at most
+STRAYS = 2  # rays beyond either end that do not make a face longer
 AT_END = 0.2  # [m] of an end a point is at it
 HEIGHTS = (0.1, 0.3, 0.5, 0.7, 0.9)  # quantiles of all points of a thing, for which the edge of the view is sought
 
@@ -116,7 +117,8 @@ def as_all_rays_show(sight: Sight, looks: Sequence[Look], candidate: Candidate, 
     z, half = sight.points[candidate.members, 2], first.face.length / 2
     crossed = _crossed(looks, _asked(sight, first, first.face.center), first, z)
     on = (np.abs(crossed.past) <= tolerance) & (np.abs(crossed.place) <= half + THINNED)
-    low, high = crossed.place[on].min(initial=-half), crossed.place[on].max(initial=half)
+    place = np.sort(crossed.place[on])[STRAYS:-STRAYS]
+    low, high = place.min(initial=-half), place.max(initial=half)
     center = first.face.center + (low + high) / 2 * first.face.along
     face = first.face._replace(center=center, length=float(high - low))
     return candidate._replace(pieces=(first._replace(face=face),))

@@ -23,7 +23,12 @@ class SolidSettings(CandidateSettings):
 
 
 def solid_of(
-    sight: Sight, candidate: Candidate, is_wall: bool, settings: SolidSettings, known: KnownBuilding
+    sight: Sight,
+    candidate: Candidate,
+    is_wall: bool,
+    settings: SolidSettings,
+    known: KnownBuilding,
+    thinned: Candidate | None = None,
 ) -> Solid | None:
     """The wall or pillar of which a candidate is what one sees; None where that tells nothing of its shape.
 
@@ -33,10 +38,12 @@ def solid_of(
         is_wall: or else a pillar.
         settings: what is assumed of what is hidden.
         known: sizes that the building has already.
+        thinned: the same as its thinned points show it, by whose length a wall's side and its end are told apart; None:
+            as it is.
     """
     first = candidate.first
     if is_wall:
-        return _wall(sight, candidate, settings, known)
+        return _wall(sight, candidate, thinned or candidate, settings, known)
     if first.circle is not None:
         return _shaft(first, settings, known)
     if candidate.crossing is not None:
@@ -61,16 +68,18 @@ def without_splinters(sight: Sight, solids: list[Solid], settings: SolidSettings
     return kept
 
 
-def _wall(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownBuilding) -> Solid | None:
+def _wall(
+    sight: Sight, candidate: Candidate, thinned: Candidate, settings: SolidSettings, known: KnownBuilding
+) -> Solid | None:
     if candidate.first.circle is not None:  # the edge of a wall, whose two sides passed for a shaft
         face = face_through(sight.points[:, :2], candidate.members)
         return wall_end_on(candidate.first._replace(face=face, circle=None), settings)
-    side = max(candidate.pieces, key=lambda piece: piece.face.length)
+    side, shown = (max(one.pieces, key=lambda piece: piece.face.length) for one in (candidate, thinned))
     others = [piece for piece in candidate.pieces if piece is not side]
-    whole, length = _ends(sight, side, settings), side.face.length
-    if not others and length < (settings.tolerance if whole else settings.least_width):
+    if not others and side.face.length < (settings.tolerance if _ends(sight, side, settings) else settings.least_width):
         return None
-    narrow = length < settings.least_column or (whole and length <= settings.most_thickness)
+    length = shown.face.length
+    narrow = length < settings.least_column or (length <= settings.most_thickness and _ends(sight, shown, settings))
     if narrow and not any(_lies_beyond(side, piece, settings) for piece in others):
         return wall_end_on(side, settings)._replace(members=candidate.members)
     return wall_behind(sight, side, others, settings, known.walls)

@@ -113,7 +113,7 @@ def find_objects(
     share = judge_objects(judge or default_judge(), clues)
     allowed = []
     for one, odds in zip(candidates, share, strict=True):
-        solids = _solids(sight, as_all_rays_show(sight, looks, one, settings.tolerance), odds, settings, known)
+        solids = _solids(sight, (one, as_all_rays_show(sight, looks, one, settings.tolerance)), odds, settings, known)
         fitting = (solid for solid in solids if allows is None or allows(_found(sight, solid, settings)))
         allowed += itertools.islice(fitting, 1)
     found = [_found(sight, one, settings) for one in without_splinters(sight, allowed, settings)]
@@ -121,19 +121,20 @@ def find_objects(
 
 
 def _solids(
-    sight: Sight, one: Candidate, share: np.ndarray, settings: ObjectSettings, known: KnownBuilding
+    sight: Sight, shown: tuple[Candidate, Candidate], share: np.ndarray, settings: ObjectSettings, known: KnownBuilding
 ) -> Iterator[Solid]:
     """A candidate as what it is likelier, then as the other: what the rays refuse as a pillar may be a thin wall.
 
-    None where the likelier tells nothing of its shape.
+    None where the likelier tells nothing of its shape. It is `shown` by thinned points, and by all rays.
     """
+    thinned, one = shown
     nothing, pillar, wall = share
     real = 1.0 - nothing
     probability = float(real / (real + settings.rarer * nothing))
     for is_wall in (bool(wall > pillar), bool(wall <= pillar)):
         if (wall if is_wall else pillar) < settings.least_type * real:
             continue
-        solid = solid_of(sight.under(one.members), one, is_wall, settings, known)
+        solid = solid_of(sight.under(one.members), one, is_wall, settings, known, thinned)
         if solid is None:
             return
         yield solid._replace(probability=probability)

@@ -18,8 +18,8 @@ MOST_POINTS = 60_000  # that a scan is registered by; it is thinned to one in 0.
 LEAST_POINTS = 50  # of the prior in view, to compare anything with
 DOUBTED = 0.3  # share of what it sees of walls that lies on walls, below which it may be of another place
 # Of a scan that hardly matches: shares of its rays that may pass through the prior, and that may lie before nothing of
-# it where nothing matches at all; from which share on what matches tells, and by how much that may be off [m]. Of 19
-# right views of eight buildings that hardly match, 10 are believed so, and 3 of 267 scans of other buildings.
+# it where nothing matches at all; from which share on what matches tells, and by how much that may be off [m]. Of 431
+# right views of eight buildings 11 are believed so, and of 429 scans of others, put upon the floor there, 13.
 MOST_THROUGH, MOST_NOWHERE, LEAST_TELLING, CLOSE = 0.002, 0.1, 0.02, 0.02
 LEAST_ASKED = 0.2  # share of what it sees of walls that the prior must be able to show, for walls to tell of the place
 

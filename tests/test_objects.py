@@ -113,6 +113,28 @@ def test_a_slender_face_that_shows_alone_is_as_wide_as_all_rays_show(seed):
     assert min(as_end.dimensions[:2]) == pytest.approx(width, abs=0.05)
 
 
+@pytest.mark.parametrize("thickness", [0.28, 0.3])
+def test_the_end_of_a_wall_stays_one_where_something_hides_a_side_of_it(thickness):
+    """All rays show as much of it as a pillar has, its thinned points no more than a wall is thick."""
+    scene = judged(wall(3.0, 0.0, 2.0, thickness, 0), others=(slab((1.0, 0.1), (-0.12, 0.1), FLOOR, CEILING),))
+    box = only(find_objects(scene, judge=says(0.05, 0.05, 0.9)), "wall")
+    assert max(box.dimensions[:2]) == pytest.approx(2.0) and abs(box.rotation) < 6.0 and abs(box.center[1]) < 0.1
+
+
+def test_a_few_stray_rays_make_no_slender_face_wider():
+    seen = judged(pillar(3.0, 0.0, 0.2))
+    (rays,), sideways = seen.rays, np.array([[2.9, 0.12, 0.0], [2.9, -0.13, 0.0]])
+    rows = [np.argmin(np.linalg.norm(rays.direction / rays.direction[:, :1] - one / 2.9, axis=1)) for one in sideways]
+    distance = rays.distance.copy()
+    distance[rows] = 2.9 / rays.direction[rows, 0]  # on the line of the face, beside it
+    assert (distance[rows] < rays.distance[rows]).all()
+    clean, strayed = (
+        only(find_objects(seen._replace(rays=(one,)), judge=says(0.05, 0.9, 0.05)), "pillar")
+        for one in (rays, rays._replace(distance=distance))
+    )
+    np.testing.assert_allclose(strayed.dimensions, clean.dimensions, atol=0.01)
+
+
 def test_thinning_takes_no_more_than_a_voxel_off_either_end_of_a_lone_slender_face():
     """Cut to 0.1 m in the middle it grows by 0.1 m to either side, at one end of its 0.4 m by what is left there."""
     sight, looks, (seen,), _ = examine(judged(pillar(2.0, 0.0, 0.4)), ObjectSettings())
