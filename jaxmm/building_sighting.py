@@ -34,7 +34,7 @@ SAME_CEILING = 0.05  # [m] by which heights of one ceiling may differ
 EDGE = 0.3  # [m] from a point under the edge of a ceiling to that ceiling: a column carries it
 UP, ASIDE = np.array([0.0, 0.0, 1.0]), np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], np.float64)
 BELOW = 0.1  # [m] under a point on a ceiling, from where one sees that ceiling
-CLEARLY = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a surface passes through it
+PASSES = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a surface passes through it
 FARTHEST = 2.0  # [m] beyond which the distance to the prior's surface is not looked for
 
 
@@ -71,7 +71,7 @@ def passed_by(scene: TriangleScene, rays: ScanRays) -> Passed:
     """How many of a scan's rays pass through a building, and how many through none of it."""
     direction, distance = rays.direction[: rays.measured], rays.distance[: rays.measured]
     expected = cast_triangles(scene, Rays(rays.position[None], direction)).distance[0]
-    through = distance > expected + CLEARLY[0] + CLEARLY[1] * distance
+    through = distance > expected + PASSES[0] + PASSES[1] * distance
     return Passed(float(through.mean()), float(np.isinf(expected).mean()))
 
 

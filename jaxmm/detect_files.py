@@ -204,7 +204,7 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
 
 
 def _viewpoint(prior: Prior, thin: np.ndarray, camera: Pinhole) -> tuple[Viewpoint, str]:
-    """Where a camera stood, as its own points tell it, or else a prior that was scanned from there; and whose do."""
+    """Where a camera stood, as its own points tell it, or else as the prior's do; and in words, whether the latter."""
     view = camera.horizontal_fov, camera.vertical_fov
     try:
         return estimate(thin, *view, pitch=None), ""
@@ -215,7 +215,7 @@ def _viewpoint(prior: Prior, thin: np.ndarray, camera: Pinhole) -> tuple[Viewpoi
             found = estimate_by_other(thin, prior.cloud.astype(np.float64) + prior.origin, *view)
         except InputError:
             raise alone from None
-        return found, " from the points of the prior, which was scanned from the same place"
+        return found, " from the points of the prior, as of a scan from the same place"
 
 
 def _check_place(prior: Prior, scan: PosedScan, source: str) -> None:

@@ -74,9 +74,12 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     records = _records(prior, scans, placed, (told, settings, mismatches))
     drawing = _drawing(prior, looked, placed)
     timing["total"] = time.perf_counter() - start
-    residuals = [one.residual for one in placed if np.isfinite(one.residual)]
     fits = [one.registration for one in records]
-    registration = {"refined": settings.refine, "residual": max(residuals, default=np.nan), "scans": fits}
+    registration = {
+        "refined": settings.refine,
+        "residual": float(np.max([one.residual for one in placed])),
+        "scans": fits,
+    }
     notes = (*prior.notes, *_doubts(elements))
     return Detection(mismatches, elements, records, registration, settings.as_json(), timing, notes, drawing)
 

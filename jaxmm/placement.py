@@ -11,16 +11,17 @@ import numpy as np
 
 from jaxmm.config import bounded
 from jaxmm.inputs import InputError
-from jaxmm.registration import Registration, register
+from jaxmm.registration import Held, Registration, register
 from jaxmm.scan_rays import PosedScan
 
 MOST_POINTS = 60_000  # that a scan is registered by; it is thinned to one in 0.1 m anyway
 LEAST_POINTS = 50  # of the prior in view, to compare anything with
 DOUBTED = 0.3  # share of what it sees of walls that lies on walls, below which it may be of another place
-# Of a scan that hardly matches: shares of its rays that may pass through the prior, and that may lie before nothing of
-# it where nothing matches at all; from which share on what matches tells, and by how much that may be off [m]. Of 431
-# right views of eight buildings 11 are believed so, and of 429 scans of others, put upon the floor there, 13.
-MOST_THROUGH, MOST_NOWHERE, LEAST_TELLING, CLOSE = 0.002, 0.1, 0.02, 0.02
+MOST_THROUGH = 0.002  # share of the rays, up to which a scan passes through nothing
+# Of a scan that hardly matches and passes through nothing: from which share of its walls on what lies upon walls tells
+# the place, less what may by chance; and from which shares on that lie on one plane, and before something, one new wall
+# fills the view.
+LEAST_CLOSELY, LEAST_LONE, MOST_NOWHERE = 0.03, 0.85, 0.5
 LEAST_ASKED = 0.2  # share of what it sees of walls that the prior must be able to show, for walls to tell of the place
 
 
@@ -93,23 +94,24 @@ def place(
     every = max(1, len(scan.points) // MOST_POINTS)
     found = register(scan.points[::every], prior, scan.position, in_sight_only=in_sight_only)
     before = found.overlap_before
+    as_it_is = Placed(scan, 0.0, 0.0, found.residual_before, before, before)
     if not refine:  # whoever believes a pose believes it of a view that is all new, too
-        return Placed(scan, 0.0, 0.0, found.residual_before, before, before)
+        return as_it_is
     if refusal := _refusal(found, limits):
         if passed is None or not _may_be_new(found, passed()):
             raise InputError(refusal)
-        return Placed(scan, 0.0, 0.0, found.residual_before, before, before, (_all_new(found, limits),))
-    if found.left:
-        return Placed(scan, 0.0, 0.0, found.residual_before, before, before, _doubts(found, 0.0, limits))
-    turn, shift = found.motion[:3, :3], found.motion[:3, 3]
+        return as_it_is._replace(notes=(_all_new(found),))
+    held = found.held if passed is None or found.held is None or passed().through <= MOST_THROUGH else None
+    fit = held or found
+    turn, shift = fit.motion[:3, :3], fit.motion[:3, 3]
     moved = scan._replace(
         points=(scan.points.astype(np.float64) @ turn.T + shift).astype(np.float32),
         position=turn @ scan.position + shift,
         rotation=turn @ scan.rotation,
     )
-    angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0)))
+    angle = float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
     shift = float(np.linalg.norm(moved.position - scan.position))
-    return Placed(moved, shift, float(angle), found.residual, found.overlap, before, _doubts(found, shift, limits))
+    return Placed(moved, shift, angle, fit.residual, fit.overlap, before, _doubts(found, held, shift, limits))
 
 
 def _refusal(found: Registration, limits: FitLimits) -> str:
@@ -136,37 +138,35 @@ def _refusal(found: Registration, limits: FitLimits) -> str:
 
 
 def _may_be_new(found: Registration, passed: Passed) -> bool:
-    """Whether nothing contradicts that a scan which hardly matches is where it is believed to be, before what is new.
+    """Whether a scan that hardly matches is likely to be where it is believed to be, before what is new.
 
-    The scan of another room passes through walls, or meets floor and ceiling somewhat off. Where the prior has little
-    in view, nothing could contradict.
+    The scan of another room passes through walls, and what lies upon some there does so after a motion. Where the
+    building has nothing behind what is seen, one plane tells nothing.
     """
     if passed.through > MOST_THROUGH:
         return False
-    if found.overlap_before >= LEAST_TELLING:
-        return found.residual_before <= CLOSE
-    return passed.nowhere <= MOST_NOWHERE
+    closely = found.closely > LEAST_CLOSELY and found.overlap_before > 0.8 * found.overlap
+    return closely or (found.lone >= LEAST_LONE and passed.nowhere <= MOST_NOWHERE)
 
 
-def _all_new(found: Registration, limits: FitLimits) -> str:
-    walls = ", hardly any of them on walls" if found.overlap_before >= limits.least_overlap else ""
+def _all_new(found: Registration) -> str:
     return (
-        f"only {found.overlap_before:.0%} of its points match the prior{walls}, and none passes through it: the rest "
-        "is taken for new; is it of this place?"
+        f"only {found.overlap_before:.0%} of its points match the prior, but it passes through nothing: its pose was "
+        "believed, and the rest is taken for new; is it of this place?"
     )
 
 
-def _doubts(found: Registration, shift: float, limits: FitLimits) -> tuple[str, ...]:
+def _doubts(found: Registration, held: Held | None, shift: float, limits: FitLimits) -> tuple[str, ...]:
     """What speaks against it: that it may be of another place, or that it fits only where nobody believed it."""
     moved: tuple[str, ...] = ()
-    if found.left:
+    if held:
         moved = (
-            f"the one wall that it sees fits one of the prior's that is {found.left:.2f} m off: it was left where its "
-            "pose has it, and the wall is taken for new; if its pose is off by as much, give a better one",
+            f"the one wall that may match lies {held.left:.2f} m before the prior's, and is taken for new; if its pose "
+            "is off by as much instead, give a better one",
         )
     elif found.overlap_before < limits.least_overlap:  # a new wall that fills the view fits any old one near by
         moved = (
-            f"only {found.overlap_before:.0%} of its points match the prior as it was given, and "
+            f"only {found.overlap_before:.0%} of its points match the prior from the pose that was believed, and "
             f"{found.overlap:.0%} when moved by {shift:.2f} m: was its pose so far off? "
             "If not, what it sees is new, and is found with --no-refine",
         )

@@ -3,8 +3,8 @@
 World frame: metres, z up. N points of the scan. Motions are (4, 4) rigid transforms of the scan about the place of the
 sensor. Surfaces that changed have nothing to lie upon: they are left out by how far off they are, first roughly, then
 narrowly. What the surfaces leave open (along a corridor, or before one bare wall) stays as it was believed; and so does
-a scan whose walls lie upon the prior's from the start, whatever else of it does not. One wall alone moves no scan far:
-a new one fits any old one behind it, and a pose that is off is turned, too.
+a scan whose walls lie upon the prior's from the start, whatever else of it does not. Where one wall alone would move a
+scan far, without a turn, it may as well be new, before an old one: then the motion is told without that step, too.
 """
 
 from typing import NamedTuple
@@ -28,11 +28,21 @@ LEAST_SHARE = 0.1  # of the points on walls, and
 LEAST_WALLS = 30  # points, that must match walls to tell so
 FAR = 0.01  # cost of a motion by one standard deviation, in shares of points that match
 WORTH = 0.02  # neighbouring points err alike: so many independent ones is each worth
-LONE_SHIFT, LONE_TURN = 0.3, 0.01  # [m, rad] a lone wall moves nothing so far in plan with no more of a turn
-LONE_WAY, LONE_DEPTH = 0.95, 0.2  # share of its normals that agree, and [m] most that it is deep, of a lone wall
+LONE_SHIFT, LONE_TURN = 0.3, 0.01  # [m, rad] least step in plan that a lone wall is not believed for, and most turn
+LONE_WAY, LONE_DEPTH = 0.95, 0.2  # of a lone wall: share of its normals that agree, and [m] most that it is deep
+TRIED = 50  # planes, as wide as CUT to either side, of which one may hold most of a scan
 AROUND, BESIDE = 8, 0.15  # points of a prior about a line of sight, and [m] off it: they say what it meets there
 BEFORE = 0.3  # [m] before a point, from where on they hide it
 LEAST_SIGMA = 0.005  # [m] of a point off its surface
+
+
+class Held(NamedTuple):
+    """A motion without the step along the normal of the only wall that matches, and how well the scan fits so."""
+
+    motion: np.ndarray  # (4, 4) float64
+    left: float  # [m] of the step
+    residual: float  # [m]
+    overlap: float
 
 
 class Registration(NamedTuple):
@@ -46,7 +56,8 @@ class Registration(NamedTuple):
     upright: float  # of its points on walls and the like that are asked, the share that match walls; NaN without any
     asked: float  # share of its points on walls that are asked: 1, or those that the prior could show; NaN without any
     closely: float  # `upright` less what may match by chance: 0 where that may be all but a few points
-    left: float = 0.0  # [m] by which a lone wall would have moved the scan to where it fits so; then there is no motion
+    lone: float = 0.0  # share of its points that lie on one upright plane
+    held: Held | None = None  # where a lone wall moves it far
 
 
 class _Fit(NamedTuple):
@@ -121,12 +132,16 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
     if in_sight_only:
         asked = found._replace(wall=found.wall & _could_show(target.points()[:, :3], _moved(cloud[0], best)))
     share = float(asked.wall.sum() / found.wall.sum()) if found.wall.any() else np.nan
-    left = 0.0
-    if _by_a_lone_wall(cloud[0], normals, found, best):
-        about, left = np.eye(4), float(np.linalg.norm(best[:3, 3]))
+    held, way = None, _lone_way(cloud[0], normals, found, best, in_sight_only)
+    if way is not None:
+        kept = best.copy()
+        kept[:2, 3] -= (step := float(best[:2, 3] @ way)) * way
+        fit = _fit(cloud, normals, kept)
+        held = Held(_shifted(centre) @ kept @ _shifted(-centre), abs(step), fit.residual, fit.overlap)
     return Registration(
-        about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely, left
-    )
+        about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely,
+        _on_one_plane(cloud[0], normals), held,
+    )  # fmt: skip
 
 
 def _could_show(prior: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -178,21 +193,40 @@ def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
     return before <= AS_CLOSE[0] * after + AS_CLOSE[1]
 
 
-def _by_a_lone_wall(points: np.ndarray, normals: np.ndarray, found: _Fit, motion: np.ndarray) -> bool:
-    """Whether a motion moves points (N, 3), with normals (N, 3), far along the normal of the only wall that matches.
+def _lone_way(
+    points: np.ndarray, normals: np.ndarray, found: _Fit, motion: np.ndarray, in_sight_only: bool
+) -> np.ndarray | None:
+    """The normal (2,) of the only wall that matches, where a motion moves points (N, 3) about the eye far along it.
 
-    The walls of a pose that is off are turned, or several match.
+    None otherwise. A prior that shows what is hidden, too, has what is behind a wall that is gone: only a new wall
+    before an old one is moved so, away from the eye.
     """
     step = _step_of(motion)
     if np.linalg.norm(step[:2]) < LONE_SHIFT or np.linalg.norm(step[3:]) > LONE_TURN or not found.on_wall.any():
-        return False
-    facing = normals[found.on_wall, :2]
-    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+        return None
+    facing = normals[found.on_wall, :2] / np.linalg.norm(normals[found.on_wall, :2], axis=1, keepdims=True)
     strength, ways = np.linalg.eigh(facing.T @ facing / len(facing))
     way, depth = ways[:, 1], points[found.on_wall, :2] @ ways[:, 1]
-    deep = float(np.ptp(np.quantile(depth, (0.05, 0.95))))
-    along = abs(float(step[:2] @ way)) >= LONE_WAY * np.linalg.norm(step[:2])
-    return bool(along and strength[1] >= LONE_WAY and deep <= LONE_DEPTH)
+    if strength[1] < LONE_WAY or float(np.ptp(np.quantile(depth, (0.05, 0.95)))) > LONE_DEPTH:
+        return None
+    along, away = float(step[:2] @ way), float(np.median(depth))
+    if abs(along) < LONE_WAY * np.linalg.norm(step[:2]) or not (in_sight_only or along * away > 0.0):
+        return None
+    return way
+
+
+def _on_one_plane(points: np.ndarray, normals: np.ndarray) -> float:
+    """The largest share of points (N, 3), with normals (N, 3), that one upright plane holds, of some that are tried."""
+    upright = np.flatnonzero(np.abs(normals[:, 2]) < UPRIGHT)
+    tried = upright[:: max(1, len(upright) // TRIED)]
+    facing = normals[:, :2] / np.maximum(np.linalg.norm(normals[:, :2], axis=1, keepdims=True), 1e-9)
+
+    def share(one: int) -> float:
+        near = np.abs((points[:, :2] - points[one, :2]) @ facing[one]) < CUT
+        alike = np.abs(facing @ facing[one]) > LONE_WAY
+        return float(np.mean(near & alike & (np.abs(normals[:, 2]) < UPRIGHT)))
+
+    return max(map(share, tried), default=0.0)
 
 
 def _cheapest(cloud: tuple, motions: list[np.ndarray], believed: tuple[float, ...]) -> np.ndarray:

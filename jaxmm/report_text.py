@@ -232,4 +232,6 @@ def _flat(values: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
 def _shown(value: Any) -> str:
     if isinstance(value, (list, tuple, np.ndarray)):
         return ", ".join(map(_shown, value))
+    if isinstance(value, (float, np.floating)) and np.isnan(value):
+        return GAP
     return f"{value:.6g}" if isinstance(value, (float, np.floating)) else str(value)

@@ -39,6 +39,7 @@ LEAST_LEAD = 0.15  # in score over any other pose; the mirror image of a wall th
 FAR_BETTER = 0.15  # in score: with this lead, another field of view casts doubt on the given one
 # Of a scan in the view of another one from the same place; 0.25 m ahead of it 0.34 of the edges are touched at most.
 LEAST_TOUCHED_SHARED, MOST_STRAYS_SHARED = 0.3, 0.02
+SHARED_UNSURE = (0.2, 0.2, 0.2, 3.0, 3.0)  # [m, deg] by which scans that pass for being from one place may differ
 MOST_UNSURE = (0.5, 5.0)  # [m, deg] standard deviation of a coordinate, beyond which it is no estimate
 
 _STRAYS = 2  # of the points that poses are searched with, so many may lie outside of a plane
@@ -117,8 +118,9 @@ def estimate(
 def estimate_by_other(thin: np.ndarray, other: np.ndarray, horizontal_fov: float, vertical_fov: float) -> Viewpoint:
     """The pose of a scan as another scan from the same place tells it.
 
-    What stands right before a camera, or was filtered out there, leaves a scan without a part of its view's edges. They
-    are of one place where the scan keeps within the other's view, touches much of its edges and hides little of itself.
+    What stands right before a camera, or was filtered out there, leaves a scan without a part of its view's edges. Both
+    pass for being of one place where the scan keeps within the other's view, touches much of its edges and hides little
+    of itself; standard deviations say by how much they may still differ.
 
     Args:
         thin: (N, 3) [m] of the scan, thinned to about 0.1 m.
@@ -142,7 +144,7 @@ def estimate_by_other(thin: np.ndarray, other: np.ndarray, horizontal_fov: float
             f"and {hidden:.0%} behind others; expected at least {LEAST_TOUCHED_SHARED:.0%}, at most "
             f"{MOST_STRAYS_SHARED:.0%} and {MOST_HIDDEN:.0%}"
         )
-    return found._replace(touched=touched, hidden=hidden)
+    return found._replace(touched=touched, hidden=hidden, deviation=np.hypot(found.deviation, SHARED_UNSURE))
 
 
 def _unknown(reason: str) -> InputError:

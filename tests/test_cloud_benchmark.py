@@ -21,8 +21,7 @@ def test_a_filtered_cloud_is_thin_and_holds_what_stands_up_floor_and_ceiling_and
     tops = {one: whole[element == one, 2].max() + half for one in np.unique(element)}
     low = {one for one, top in tops.items() if 0.2 < top < LEAST_TOP}
     assert low and low.isdisjoint(kept) and {one for one, top in tops.items() if top >= LEAST_TOP} <= set(kept.tolist())
-    middle = np.linalg.norm(np.round(filtered / 0.1) * 0.1 - filtered, axis=1)
-    assert middle.max() <= 0.1 * np.sqrt(3) / 2 + 1e-6
+    assert len(np.unique(np.floor(filtered / 0.1 + 0.5), axis=0)) == len(filtered)
 
 
 def test_refused_pairs_are_counted_and_what_hardly_shows_is_not_asked_for(tmp_path):

@@ -116,9 +116,12 @@ def test_a_slender_face_that_shows_alone_is_as_wide_as_all_rays_show(seed):
 @pytest.mark.parametrize("thickness", [0.28, 0.3])
 def test_the_end_of_a_wall_stays_one_where_something_hides_a_side_of_it(thickness):
     """All rays show as much of it as a pillar has, its thinned points no more than a wall is thick."""
-    scene = judged(wall(3.0, 0.0, 2.0, thickness, 0), others=(slab((1.0, 0.1), (-0.12, 0.1), FLOOR, CEILING),))
+    beside = 0.625 * thickness / 2  # where the line of sight along its edge passes what hides all on from there
+    screen = slab((1.2, 0.1), (beside + 0.75, 1.5), FLOOR, CEILING)
+    scene = judged(wall(3.45, 0.0, 2.9, thickness, 0), others=(screen,))
     box = only(find_objects(scene, judge=says(0.05, 0.05, 0.9)), "wall")
-    assert max(box.dimensions[:2]) == pytest.approx(2.0) and abs(box.rotation) < 6.0 and abs(box.center[1]) < 0.1
+    np.testing.assert_allclose(box.center[:2], [3.0, 0.0], atol=0.1)  # 2 m of it, as walls usually have
+    assert max(box.dimensions[:2]) == pytest.approx(2.0) and abs(box.rotation) < 6.0
 
 
 def test_a_few_stray_rays_make_no_slender_face_wider():

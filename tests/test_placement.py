@@ -30,7 +30,10 @@ def moved(scan, shift, degrees):
 
 
 def placed(prior, scan, **options):
-    return place(scan, surfaces_along(prior.scene, rays_of_scan(scan)), **options)
+    """As `detect` asks it, but where a test says otherwise."""
+    rays = rays_of_scan(scan)
+    options = {"passed": lambda: passed_by(prior.scene, rays)} | options
+    return place(scan, surfaces_along(prior.scene, rays), **options)
 
 
 @pytest.mark.parametrize("number", [0, 3, 5, 8])
@@ -95,7 +98,7 @@ def test_a_scan_that_sees_little_of_the_walls_but_that_closely_is_believed(scena
     assert found.shift < 0.01 and found.residual < 0.01
     assert any("of what it sees of walls lies on walls: is it of this place?" in note for note in found.notes)
     with pytest.raises(InputError, match="of what it sees of walls lies on walls, the rest"):
-        placed(case.prior, case.scan, limits=FitLimits(least_closely=1.0))
+        placed(case.prior, case.scan, limits=FitLimits(least_closely=1.0), passed=None)
 
 
 @pytest.mark.parametrize("off, noise", [(0.06, 0.0), (0.06, 0.02), (0.0, 0.08)])
@@ -176,55 +179,81 @@ def test_a_scan_of_which_few_walls_fit_is_asked_about():
 
 
 def test_a_view_that_is_all_new_is_believed_where_nothing_contradicts_it():
-    """A wall right before the camera: of the room it sees nothing, or a strip of the floor."""
+    """One wall right before the camera: of the room it sees nothing, or a strip of the floor."""
     (case,) = room_cases("unchanged", "clean", 21, range(1, 2))
     prior, scan = case.prior, case.scan
     direction = (scan.points - scan.position) / np.linalg.norm(scan.points - scan.position, axis=1, keepdims=True)
+    upright = scan.rotation[:, 0] * [1.0, 1.0, 0.0] / np.linalg.norm(scan.rotation[:2, 0])
 
-    def wall_at(depth, kept=slice(0, 0), lifted=0.0):
-        old = scan.points[kept] + np.array([0.0, 0.0, lifted])
-        points = scan.position + direction * (depth / (direction @ scan.rotation[:, 0]))[:, None]
-        return scan._replace(points=np.concatenate([points, old]).astype(np.float32))
+    def wall_at(depth, kept=slice(0, 0)):
+        points = scan.position + direction * (depth / (direction @ upright))[:, None]
+        return scan._replace(points=np.concatenate([points, scan.points[kept]]).astype(np.float32))
 
-    def believed(scan):
-        return placed(prior, scan, passed=lambda: passed_by(prior.scene, rays_of_scan(scan)))
-
-    near, reach = 0.9, np.linalg.norm(scan.points - scan.position, axis=1)
-    assert np.all(near / (direction @ scan.rotation[:, 0]) < reach)
-    lowest = np.flatnonzero(scan.points[:, 2] < scan.points[:, 2].min() + 0.02)[:3000]
-    assert len(lowest) == 3000
-    for view, least, most in ((wall_at(near), 0.0, 0.0), (wall_at(near, lowest), 0.3, 0.7)):  # once thinned
-        found = believed(view)
-        assert found.shift == found.turn == 0.0 and found.scan is view and found.overlap == found.overlap_before
+    near = 0.9
+    assert np.all(near / (direction @ upright) < np.linalg.norm(scan.points - scan.position, axis=1))
+    lowest = np.flatnonzero(scan.points[:, 2] < scan.points[:, 2].min() + 0.02)[:40]
+    for view, least, most in ((wall_at(near), 0.0, 0.0), (wall_at(near, lowest), 0.01, 0.15)):  # once thinned
+        found = placed(prior, view)
+        assert found.shift == found.turn == 0.0 and found.overlap == found.overlap_before
+        np.testing.assert_array_equal(found.scan.points, view.points)
         assert len(found.notes) == 1 and "taken for new; is it of this place?" in found.notes[0]
         assert least <= found.overlap <= most
+    rng = np.random.default_rng(0)
+    blob = scan._replace(points=(scan.position + direction * rng.uniform(0.2, 0.8, (len(direction), 1))).astype("f4"))
+    few = wall_at(near)._replace(points=wall_at(near).points[::20_000])
+    for strange, asked in (
+        (wall_at(9.0), {}), (blob, {}), (few, {}), (wall_at(near), {"passed": None}),
+        (wall_at(near), {"passed": lambda: Passed(0.0, 0.9)}), (wall_at(near), {"passed": lambda: Passed(0.01, 0.0)}),
+    ):  # fmt: skip
         with pytest.raises(InputError, match="does not fit the prior"):
-            placed(prior, view)
-    for strange in (wall_at(9.0), wall_at(near, lowest, lifted=0.07)):
-        with pytest.raises(InputError, match="does not fit the prior"):
-            believed(strange)
-    assert placed(prior, wall_at(near), passed=lambda: Passed(0.0, 0.05)).notes
-    for contradicts in (Passed(0.0, 0.5), Passed(0.01, 0.05)):  # little of the prior is in view, or is passed through
-        with pytest.raises(InputError, match="does not fit the prior"):
-            placed(prior, wall_at(near), passed=lambda contradicts=contradicts: contradicts)
+            placed(prior, strange, **asked)
+
+
+def lone_walls():
+    """An old wall 1.5 m before the sensor, and a part of it that fills the view, as points (N, 3)."""
+    y, z = np.meshgrid(np.arange(-3.0, 3.0, 0.03), np.arange(0.0, 3.0, 0.03))
+    old = np.column_stack([np.full(y.size, 1.5), y.ravel(), z.ravel()]).astype(np.float32)
+    return old, old[(np.abs(old[:, 1]) < 0.6) & (np.abs(old[:, 2] - 1.4) < 0.4)]
+
+
+def at_sensor(points):
+    return PosedScan(np.float32(points), np.array([0.0, 0.0, 1.4]), np.eye(3), None)
 
 
 def test_a_wall_that_fills_the_view_moves_no_scan_onto_an_old_one_unless_it_is_turned():
     """It lies on the old one 0.7 m behind, once moved there, so either may be meant; a pose that is off is turned."""
-    y, z = np.meshgrid(np.arange(-3.0, 3.0, 0.03), np.arange(0.0, 3.0, 0.03))
-    old = np.column_stack([np.full(y.size, 1.5), y.ravel(), z.ravel()]).astype(np.float32)
-    sensor = np.array([0.0, 0.0, 1.4])
-    near = (np.abs(old[:, 1]) < 0.6) & (np.abs(old[:, 2] - sensor[2]) < 0.4)
-    new = PosedScan((old[near] - np.float32([0.7, 0.0, 0.0])), sensor, np.eye(3), None)
+    old, part = lone_walls()
+    new = at_sensor(part - [0.7, 0.0, 0.0])
     stays = place(new, old)
-    assert stays.shift == stays.turn == stays.overlap == stays.overlap_before == 0.0 and stays.scan is new
-    assert len(stays.notes) == 1 and "0.70 m off: it was left where its pose has it" in stays.notes[0]
+    assert stays.shift < 0.02 and stays.overlap == stays.overlap_before == 0.0 and np.isnan(stays.residual)
+    assert len(stays.notes) == 1 and "may match lies 0.70 m before the prior's, and is taken for new" in stays.notes[0]
     assert not place(new, old, refine=False).notes
+    through = place(new, old, passed=lambda: Passed(0.5, 0.0))
     turned = place(moved(new, np.zeros(3), 2.0), old)
-    assert turned.shift == pytest.approx(0.7, abs=0.05) and turned.overlap == 1.0 and turned.overlap_before == 0.0
-    assert len(turned.notes) == 1 and "when moved by 0.7" in turned.notes[0] and "--no-refine" in turned.notes[0]
-    little = place(new._replace(points=new.points + np.float32([0.66, 0.0, 0.0])), old)
+    for found in (through, turned):
+        assert found.shift == pytest.approx(0.7, abs=0.05) and found.overlap == 1.0 and found.overlap_before == 0.0
+        assert len(found.notes) == 1 and "when moved by 0.7" in found.notes[0] and "--no-refine" in found.notes[0]
+    little = place(at_sensor(part - [0.04, 0.0, 0.0]), old)
     assert little.shift < 0.1 and not little.notes
+
+
+@pytest.mark.parametrize("in_sight_only", [False, True])
+def test_a_wall_behind_an_old_one_is_no_new_one_before_it_but_to_a_cloud_it_may_be_what_was_hidden(in_sight_only):
+    old, part = lone_walls()
+    found = place(at_sensor(part + np.array([0.5, 0.0, 0.0])), old, in_sight_only=in_sight_only)
+    assert found.shift == pytest.approx(0.0 if in_sight_only else 0.5, abs=0.05)
+    assert ("taken for new" in found.notes[0]) == in_sight_only
+
+
+def test_beside_a_new_wall_floor_and_ceiling_still_tell_the_height():
+    old, _ = lone_walls()
+    x, y = np.meshgrid(np.arange(0.5, 1.5, 0.03), np.arange(-0.6, 0.6, 0.03))
+    levels = [np.column_stack([x.ravel(), y.ravel(), np.full(x.size, z)]) for z in (0.0, 3.0)]
+    wall = old[np.abs(old[:, 1]) < 0.6]
+    scan = np.concatenate([wall - [0.5, 0.0, 0.0], *(level[level[:, 0] < 1.0] for level in levels)])
+    found = place(at_sensor(scan - [0.0, 0.0, 0.12]), np.concatenate([old, *levels]))
+    np.testing.assert_allclose(found.scan.position, [0.0, 0.0, 1.4 + 0.12], atol=0.03)
+    assert "is taken for new" in found.notes[-1] and found.residual < 0.02
 
 
 def test_two_walls_that_match_move_a_scan_without_a_turn_too():
