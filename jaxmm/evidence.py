@@ -34,6 +34,7 @@ FEATURES = (
 BASE_MARGIN = 0.03  # [m] of ranges without errors
 GROWING = (0.0, 0.25, 0.5, 0.75, 1.0)  # parts of the noise that may grow with the square of the range
 EXPLAINED = 0.5  # of a point's rays must support it, or it is in need of an explanation
+MOST_SHIFT = 0.1  # [m] that ranges may be off to one side because the pose is; more is a change
 SIGMAS = 3.0  # errors of ranges that the margin covers
 LEAST_COSINE = 0.15  # beyond this incidence the margin grows no further
 MOST_MARGIN = 1.0  # [m]
@@ -106,8 +107,9 @@ def frame_of(sensor: np.ndarray, directions: np.ndarray, floor: float, ceiling: 
 def noise_of(residual: np.ndarray, cosine: np.ndarray, reach: np.ndarray) -> Noise:
     """The noise of measured less expected ranges, of rays that meet what they should.
 
-    What changed and what stands in front is cut off at half a metre, and medians do not heed the rest. Of noises that
-    grow with the square of the range in part, not at all or wholly, it is the likeliest.
+    What changed and what stands in front is cut off at half a metre, and medians do not heed the rest; where more than
+    half of it is farther off than a pose may be, to one side, as of a wall that moved, it is told about that. Of noises
+    that grow with the square of the range in part, not at all or wholly, it is the likeliest.
 
     Args:
         residual: (N,) [m], NaN or infinite where nothing is known.
@@ -117,7 +119,8 @@ def noise_of(residual: np.ndarray, cosine: np.ndarray, reach: np.ndarray) -> Noi
     near = np.isfinite(residual) & (np.abs(residual) < 0.5) & (cosine > 0.3) & np.isfinite(reach)
     if not near.any():
         return Noise(0.0, 0.0)
-    off, square = np.abs(residual[near]), np.square(reach[near])
+    middle = float(np.median(residual[near]))
+    off, square = np.abs(residual[near] - (middle if abs(middle) > MOST_SHIFT else 0.0)), np.square(reach[near])
     best = (np.inf, Noise(0.0, 0.0))
     for part in GROWING:
         shape = (1.0 - part) + part * square / square.mean()

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmm.config import bounded
 from jaxmm.inputs import InputError
-from jaxmm.registration import Held, Registration, register
+from jaxmm.registration import Registration, register
 from jaxmm.scan_rays import PosedScan
 
 MOST_POINTS = 60_000  # that a scan is registered by; it is thinned to one in 0.1 m anyway
@@ -101,8 +101,7 @@ def place(
         if passed is None or not _may_be_new(found, passed()):
             raise InputError(refusal)
         return as_it_is._replace(notes=(_all_new(found),))
-    held = found.held if passed is None or found.held is None or passed().through <= MOST_THROUGH else None
-    fit = held or found
+    fit = found.held or found
     turn, shift = fit.motion[:3, :3], fit.motion[:3, 3]
     moved = scan._replace(
         points=(scan.points.astype(np.float64) @ turn.T + shift).astype(np.float32),
@@ -111,7 +110,7 @@ def place(
     )
     angle = float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
     shift = float(np.linalg.norm(moved.position - scan.position))
-    return Placed(moved, shift, angle, fit.residual, fit.overlap, before, _doubts(found, held, shift, limits))
+    return Placed(moved, shift, angle, fit.residual, fit.overlap, before, _doubts(found, shift, limits))
 
 
 def _refusal(found: Registration, limits: FitLimits) -> str:
@@ -156,13 +155,13 @@ def _all_new(found: Registration) -> str:
     )
 
 
-def _doubts(found: Registration, held: Held | None, shift: float, limits: FitLimits) -> tuple[str, ...]:
+def _doubts(found: Registration, shift: float, limits: FitLimits) -> tuple[str, ...]:
     """What speaks against it: that it may be of another place, or that it fits only where nobody believed it."""
     moved: tuple[str, ...] = ()
-    if held:
+    if found.held:
         moved = (
-            f"the one wall that may match lies {held.left:.2f} m before the prior's, and is taken for new; if its pose "
-            "is off by as much instead, give a better one",
+            f"the one wall that may match lies {found.held.left:.2f} m off the prior's, and is taken for new, or "
+            "moved; if its pose is off by as much instead, give a better one",
         )
     elif found.overlap_before < limits.least_overlap:  # a new wall that fills the view fits any old one near by
         moved = (

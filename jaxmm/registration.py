@@ -4,7 +4,7 @@ World frame: metres, z up. N points of the scan. Motions are (4, 4) rigid transf
 sensor. Surfaces that changed have nothing to lie upon: they are left out by how far off they are, first roughly, then
 narrowly. What the surfaces leave open (along a corridor, or before one bare wall) stays as it was believed; and so does
 a scan whose walls lie upon the prior's from the start, whatever else of it does not. Where one wall alone would move a
-scan far, without a turn, it may as well be new, before an old one: then the motion is told without that step, too.
+scan far, without a turn, it may as well be new, or have moved: then the motion is told without that step, too.
 """
 
 from typing import NamedTuple
@@ -37,7 +37,7 @@ LEAST_SIGMA = 0.005  # [m] of a point off its surface
 
 
 class Held(NamedTuple):
-    """A motion without the step along the normal of the only wall that matches, and how well the scan fits so."""
+    """A motion without its step in plan, which only one wall tells, and how well the scan fits so."""
 
     motion: np.ndarray  # (4, 4) float64
     left: float  # [m] of the step
@@ -132,12 +132,13 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
     if in_sight_only:
         asked = found._replace(wall=found.wall & _could_show(target.points()[:, :3], _moved(cloud[0], best)))
     share = float(asked.wall.sum() / found.wall.sum()) if found.wall.any() else np.nan
-    held, way = None, _lone_way(cloud[0], normals, found, best, in_sight_only)
-    if way is not None:
+    held = None
+    if _by_a_lone_wall(cloud[0], normals, found, best):
         kept = best.copy()
-        kept[:2, 3] -= (step := float(best[:2, 3] @ way)) * way
+        kept[:2, 3] = 0.0  # along the wall nothing tells it either
         fit = _fit(cloud, normals, kept)
-        held = Held(_shifted(centre) @ kept @ _shifted(-centre), abs(step), fit.residual, fit.overlap)
+        left = float(np.linalg.norm(best[:2, 3]))
+        held = Held(_shifted(centre) @ kept @ _shifted(-centre), left, fit.residual, fit.overlap)
     return Registration(
         about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely,
         _on_one_plane(cloud[0], normals), held,
@@ -193,26 +194,20 @@ def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
     return before <= AS_CLOSE[0] * after + AS_CLOSE[1]
 
 
-def _lone_way(
-    points: np.ndarray, normals: np.ndarray, found: _Fit, motion: np.ndarray, in_sight_only: bool
-) -> np.ndarray | None:
-    """The normal (2,) of the only wall that matches, where a motion moves points (N, 3) about the eye far along it.
+def _by_a_lone_wall(points: np.ndarray, normals: np.ndarray, found: _Fit, motion: np.ndarray) -> bool:
+    """Whether a motion moves points (N, 3) about the eye far along the normal of the only wall that matches.
 
-    None otherwise. A prior that shows what is hidden, too, has what is behind a wall that is gone: only a new wall
-    before an old one is moved so, away from the eye.
+    The walls of a pose that is off are turned, or several match.
     """
     step = _step_of(motion)
     if np.linalg.norm(step[:2]) < LONE_SHIFT or np.linalg.norm(step[3:]) > LONE_TURN or not found.on_wall.any():
-        return None
+        return False
     facing = normals[found.on_wall, :2] / np.linalg.norm(normals[found.on_wall, :2], axis=1, keepdims=True)
     strength, ways = np.linalg.eigh(facing.T @ facing / len(facing))
     way, depth = ways[:, 1], points[found.on_wall, :2] @ ways[:, 1]
     if strength[1] < LONE_WAY or float(np.ptp(np.quantile(depth, (0.05, 0.95)))) > LONE_DEPTH:
-        return None
-    along, away = float(step[:2] @ way), float(np.median(depth))
-    if abs(along) < LONE_WAY * np.linalg.norm(step[:2]) or not (in_sight_only or along * away > 0.0):
-        return None
-    return way
+        return False
+    return bool(abs(step[:2] @ way) >= LONE_WAY * np.linalg.norm(step[:2]))
 
 
 def _on_one_plane(points: np.ndarray, normals: np.ndarray) -> float:
