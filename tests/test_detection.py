@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from box_building import building_of
 
 from jaxmm.box_match import match_boxes
 from jaxmm.detect_files import read_judges
@@ -14,10 +15,13 @@ from jaxmm.placement import OF_CLOUDS, FitLimits
 from jaxmm.priors import prior_of_building, prior_of_cloud
 from jaxmm.report import box_of
 from jaxmm.room_scans import as_cloud, room_cases, true_boxes
-from jaxmm.scan_rays import rays_of_scan
+from jaxmm.scan_rays import PosedScan, rays_of_scan
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
-from warp_scanner.scenes import FLOOR
+from warp_scanner.scan import Rays
+from warp_scanner.scenes import CEILING, FLOOR, WALL
+from warp_scanner.sensors import OAK_D_PRO_SMALL
+from warp_scanner.triangles import cast_triangles, prepare
 
 UNSEEN_SEED = 78  # that no training, validation or test of ours uses
 AS_IS = DetectSettings(refine=False, propose_views=False)
@@ -164,3 +168,37 @@ def test_a_scan_that_does_not_fit_names_its_file(judges):
     settings = dataclasses.replace(DetectSettings(), limits=FitLimits(least_overlap=0.5))
     with pytest.raises(InputError, match=r"^lost\.ply: the scan does not fit"):
         detect_scans(prior, [named(scans[0]._replace(points=cloud), "lost.ply")], judges, settings)
+
+
+def walls_of_room(at):
+    """A room of 8 x 6 m, its far wall (element 5) at `at` [m] in x; the sensor looks along x."""
+    return building_of((
+        ((0, 0, -0.1), (8, 6, 0.1), FLOOR), ((0, 0, 2.7), (8, 6, 0.1), CEILING), ((-4, 0, 1.3), (0.1, 3, 1.3), WALL),
+        ((0, 3, 1.3), (4, 0.1, 1.3), WALL), ((0, -3, 1.3), (4, 0.1, 1.3), WALL), ((at, 0, 1.3), (0.1, 2.85, 1.3), WALL),
+        ((6, 0, 1.3), (0.1, 6, 1.3), WALL),
+    ))  # fmt: skip
+
+
+def scan_of(building, position):
+    """What a level camera sees of a building along x."""
+    direction = OAK_D_PRO_SMALL.directions()
+    distance = cast_triangles(prepare(building.triangles), Rays(position[None], direction)).distance[0]
+    points = position + direction[np.isfinite(distance)] * distance[np.isfinite(distance), None]
+    return PosedScan(points.astype(np.float32), position, np.eye(3), OAK_D_PRO_SMALL)
+
+
+@pytest.mark.parametrize(
+    "near, by", [*((False, by) for by in (-1.0, -0.5, 0.35, 0.5, 1.0)), (True, -0.5), (True, 0.35), (True, 0.5)]
+)
+def test_a_wall_that_was_built_off_its_place_is_gone_there_and_new_here(judges, near, by):
+    """Before its old place or behind it; `near` the camera it fills the view, and hardly anything else tells."""
+    position = np.array([1.5 if near else -2.0, 0.2, 1.4])
+    prior, scan = prior_of_building(walls_of_room(3.0)), scan_of(walls_of_room(3.0 + by), position)
+    for refine in (False, True):
+        found = detect_scans(prior, [named(scan)], judges, DetectSettings(refine=refine, propose_views=False))
+        (gone,) = [one for one in found.elements if one.guid == prior.building.elements.guid[5]]
+        new = [one for one in found.mismatches if one.mismatch_type == "added"]
+        assert [one.object_type for one in new] == ["wall"]
+        assert new[0].center[0] == pytest.approx(3.0 + by, abs=0.08)
+        if by > 0.0:  # else the new one hides it
+            assert gone.verdict == REMOVED

@@ -70,6 +70,16 @@ def test_noise_is_told_though_much_has_changed(constant, growth):
     assert noise_of(np.full(4, np.inf), np.ones(4), np.ones(4)) == (0.0, 0.0)
 
 
+def test_a_wall_that_moved_is_no_noise_and_a_pose_that_is_a_little_off_is():
+    rng = np.random.default_rng(0)
+    reach, ones = rng.uniform(1.0, 5.0, 20_000), np.ones(20_000)
+    errors = rng.normal(0.0, 0.01, 20_000)
+    moved = errors + np.where(rng.random(20_000) < 0.8, 0.3, 0.0)  # fills four fifths of the view
+    for shifted in (moved, -moved):
+        assert sigma_at(noise_of(shifted, ones, reach), np.array([3.0]))[0] == pytest.approx(0.01, rel=0.5)
+    assert sigma_at(noise_of(errors + 0.06, ones, reach), np.array([3.0]))[0] > 0.05
+
+
 def test_elements_pool_the_rays_of_their_points():
     points = [[2, 0, -1.5], [2, 0, 0.0], [2, 0.4, 1.5], [3, 0, 0]]
     count = [[8, 2, 0, 0], [0, 0, 10, 0], [0, 0, 0, 0], [0, 6, 0, 0]]
