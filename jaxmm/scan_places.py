@@ -19,6 +19,7 @@ from jaxmm.scan_poses import GivenPose
 from jaxmm.scan_units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height
 
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
+FAR_FROM_FILE = 0.5  # [m] a given pose may be from that of the file, and nothing is said
 LEAST = 0.2  # share of points that must lie on a prior read another way
 CLEARER = 1.25  # times as many points must lie on it as on the prior as it is
 STOREY = 3.0  # [m] about as high as scans are
@@ -35,6 +36,7 @@ class OwnScan(NamedTuple):
     rotation: np.ndarray | None  # (3, 3) float64 sensor frame to world
     source: str  # of the pose: "given", "file", or "estimated" as long as there is none
     carried: bool  # the points are in the sensor's frame, and it is the given pose that takes them to the world
+    stated: np.ndarray | None = None  # (3,) float64 of the sensor in its file, in the file's unit, if another was given
 
     def world(self, points: np.ndarray) -> np.ndarray:
         """Some of its points (n, 3) [m], in the frame that the scan is said to be in."""
@@ -89,7 +91,8 @@ def own_scan(scan: PointScan, given: GivenPose | None, frame: str) -> OwnScan:
             points, carried = (points - scan.position) @ scan.rotation if scan.in_world else points, True
         elif not scan.in_world:
             points = points @ rotation.T + position
-    return OwnScan(points, position, rotation, source, carried)
+    stated = scan.position if source == "given" and frame == "world" else None
+    return OwnScan(points, position, rotation, source, carried, stated)
 
 
 def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
@@ -118,7 +121,7 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
     pose = None if position is None else (position, scan.rotation)
     notes = (f"it fits the prior in {UNITS[fit.unit]}, and was read so",) if unit is None and fit.unit != 1.0 else ()
     if not on_map:
-        return LaidScan(points, pose, scan.source, notes)
+        return LaidScan(points, pose, scan.source, (*notes, *_other_place(scan, fit.unit)))
     moved = grid.back(points)
     if pose is not None and (scan.source == "file" or _nearer(position, points, moved)):
         pose = grid.back(position), grid.turn @ scan.rotation
@@ -126,6 +129,12 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
         "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
     )
     return LaidScan(moved, pose, scan.source, (*notes, note))
+
+
+def _other_place(scan: OwnScan, unit: float) -> tuple[str, ...]:
+    """What is to be said of a given pose that is far from the one in the scan's file."""
+    off = 0.0 if scan.stated is None else float(np.linalg.norm(scan.position - scan.stated * unit))
+    return (f"its pose as given is {off:.1f} m from the one in its file",) if off > FAR_FROM_FILE else ()
 
 
 def fitting_prior(path: Path, options: Any, scans: list[OwnScan], unit: float | None) -> Prior:

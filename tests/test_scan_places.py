@@ -78,7 +78,18 @@ def test_points_are_moved_once_and_to_where_they_were_measured(room, kind, unit,
     np.testing.assert_allclose(position, GIVEN.position, atol=1e-9)
     np.testing.assert_allclose(rotation, GIVEN.rotation, atol=1e-12)
     assert laid.source == ("file" if given is None else "given")
-    assert laid.notes == (() if told or unit == 1.0 else (f"it fits the prior in {UNITS[unit]}, and was read so",))
+    notes = tuple(note for note in laid.notes if "the one in its file" not in note)
+    assert notes == (() if told or unit == 1.0 else (f"it fits the prior in {UNITS[unit]}, and was read so",))
+
+
+@pytest.mark.parametrize("unit", [1.0, 1000.0])
+def test_a_given_pose_far_from_the_one_in_the_file_is_told(room, unit):
+    scan = PointScan(room[1] * unit, GIVEN.position * unit, GIVEN.rotation, (), False)
+    near, far = (GIVEN._replace(position=GIVEN.position + np.array([by, 0.0, 0.0])) for by in (0.3, 4.5))
+    for given, said in ((None, False), (GIVEN, False), (near, False), (far, True)):
+        notes = lay(prior_of_cloud(room[1]), own_scan(scan, given, "world"), None).notes
+        assert ("its pose as given is 4.5 m from the one in its file" in notes) == said
+    assert not lay(prior_of_cloud(room[1]), own_scan(plain(room[1]), far, "world"), None).notes
 
 
 def test_the_sensors_frame_needs_a_pose(room):
