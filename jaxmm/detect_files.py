@@ -204,7 +204,7 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
 
 
 def _viewpoint(prior: Prior, thin: np.ndarray, camera: Pinhole) -> tuple[Viewpoint, str]:
-    """Where a camera stood, as its own points tell it, or else as the prior's do; and in words, whether the latter."""
+    """Where a camera stood, by its own points or else by the prior's, of which a phrase for the note tells."""
     view = camera.horizontal_fov, camera.vertical_fov
     try:
         return estimate(thin, *view, pitch=None), ""

@@ -17,14 +17,13 @@ from jaxmm.mismatches import Looked, mismatches_of, shown_by_each
 from jaxmm.next_view import Stage, next_views, stand_of
 from jaxmm.placement import Placed, place
 from jaxmm.priors import Prior
+from jaxmm.remaining import compared_with_what_remains
 from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord
 from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
-from warp_scanner.buildings import bounds
 from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
 from warp_scanner.sensors import Pinhole
-from warp_scanner.triangles import prepare
 
 SEMANTIC = {"wall": WALL, "column": PILLAR, "door": DOOR, "window": WINDOW, "slab": FLOOR}
 
@@ -70,14 +69,20 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     timing["evidence"] = time.perf_counter() - start - sum(timing.values())
     verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
     wanted = _of_classes(prior, verdicts, settings)
+    compared = looked
     if wanted is not None and settings.preset != "thesis":
-        looked = _past_what_is_gone(prior, looked, wanted, judges)
-    mismatches = mismatches_of(prior, looked, wanted, settings)
+        compared = compared_with_what_remains(prior, looked, wanted, judges)
+        timing["evidence"] = time.perf_counter() - start - sum(timing.values()) + timing["evidence"]
+    mismatches = mismatches_of(prior, compared, wanted, settings)
     timing["objects"] = time.perf_counter() - start - sum(timing.values())
     elements = _elements(prior, verdicts, (placed, looked), settings) if verdicts is not None else ()
     timing["next views"] = time.perf_counter() - start - sum(timing.values())
     records = _records(prior, scans, placed, (told, settings, mismatches))
-    drawing = _drawing(prior, looked, placed)
+    # Drawn are the rays as the whole model has them, and what the points are held for in the end.
+    held = [
+        one._replace(added=new.added._replace(view=one.added.view)) for one, new in zip(looked, compared, strict=True)
+    ]
+    drawing = _drawing(prior, held, placed)
     timing["total"] = time.perf_counter() - start
     fits = [one.registration for one in records]
     registration = {
@@ -139,28 +144,6 @@ def look_at(prior: Prior, rays: ScanRays, judges: Judges) -> tuple[Looked, Told 
     added, removed = judge(judges, seen.robot, seen.frame, "added"), judge(judges, seen.prior, seen.frame, "removed")
     told = told_of(seen.reached, removed.view.element, removed.view.count, removed.probability)
     return Looked(rays, seen.expected.distance, added, removed, (seen.frame.floor, seen.frame.ceiling)), told
-
-
-def _past_what_is_gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict], judges: Judges) -> list[Looked]:
-    """The scans, with the robot's points compared anew with the building without what is gone.
-
-    What stands behind a wall that is gone is beyond what its rays should have met, as old things there are; it is
-    before what is left, as new things are. Outside of the building nobody knows what is old.
-    """
-    triangles = prior.building.triangles
-    gone = np.array([one.verdict == REMOVED for one in verdicts])[triangles.element]
-    if not gone.any() or gone.all():
-        return looked
-    low, high = bounds(triangles)
-    left = triangles._replace(faces=triangles.faces[~gone], element=triangles.element[~gone])
-    rest, again = prior._replace(scene=prepare(left)), []
-    for one in looked:
-        seen = sight(rest, one.rays)
-        side = judge(judges, seen.robot, seen.frame, "added")
-        inside = np.all((side.view.points >= low) & (side.view.points <= high), axis=1)
-        pillar, wall = (np.where(inside, *both) for both in zip(side[1:], one.added[1:], strict=True))
-        again.append(one._replace(expected=seen.expected.distance, added=side._replace(pillar=pillar, wall=wall)))
-    return again
 
 
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:

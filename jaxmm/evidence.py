@@ -107,9 +107,9 @@ def frame_of(sensor: np.ndarray, directions: np.ndarray, floor: float, ceiling: 
 def noise_of(residual: np.ndarray, cosine: np.ndarray, reach: np.ndarray) -> Noise:
     """The noise of measured less expected ranges, of rays that meet what they should.
 
-    What changed and what stands in front is cut off at half a metre, and medians do not heed the rest; where more than
-    half of it is farther off than a pose may be, to one side, as of a wall that moved, it is told about that. Of noises
-    that grow with the square of the range in part, not at all or wholly, it is the likeliest.
+    What changed and what stands in front is cut off at half a metre, and medians do not heed the rest. Where their own
+    median is farther off than a pose may be, as of a wall that moved and fills the view, deviations count from there.
+    Of noises that grow with the square of the range in part, not at all or wholly, it is the likeliest.
 
     Args:
         residual: (N,) [m], NaN or infinite where nothing is known.

@@ -20,7 +20,8 @@ DOUBTED = 0.3  # share of what it sees of walls that lies on walls, below which 
 MOST_THROUGH = 0.002  # share of the rays, up to which a scan passes through nothing
 # Of a scan that hardly matches and passes through nothing: from which share of its walls on what lies upon walls tells
 # the place, less what may by chance; and from which shares on that lie on one plane, and before something, one new wall
-# fills the view.
+# fills the view. Chosen on views of eight buildings: of 269 right ones 19 hardly match, and 7 of these are believed so;
+# of 267 scans of others, put upon the floor there, 2.
 LEAST_CLOSELY, LEAST_LONE, MOST_NOWHERE = 0.03, 0.85, 0.5
 LEAST_ASKED = 0.2  # share of what it sees of walls that the prior must be able to show, for walls to tell of the place
 
@@ -82,8 +83,8 @@ def place(
         refine: False only measures how well it fits, and refuses nothing.
         limits: beyond which it is refused.
         in_sight_only: whether the prior holds only what is in sight, see `registration.register`.
-        passed: asked of a scan that hardly matches. It is believed as it is where all that it sees may be new: no ray
-            passes through the prior, and the little that matches lies close. None: such a scan is refused.
+        passed: asked of a scan that hardly matches. It is believed as it is where all that it sees may be new: it
+            passes through nothing of the prior, and lies a little upon walls, or is one wall. None: it is refused.
 
     Raises:
         InputError: it does not fit; the line says by how much.
@@ -161,7 +162,7 @@ def _doubts(found: Registration, shift: float, limits: FitLimits) -> tuple[str, 
     if found.held:
         moved = (
             f"the one wall that may match lies {found.held.left:.2f} m off the prior's, and is taken for new, or "
-            "moved; if its pose is off by as much instead, give a better one",
+            "moved; if it is the scan's pose that is off by that much, give a better one",
         )
     elif found.overlap_before < limits.least_overlap:  # a new wall that fills the view fits any old one near by
         moved = (

@@ -4,7 +4,7 @@ World frame: metres, z up. N points of the scan. Motions are (4, 4) rigid transf
 sensor. Surfaces that changed have nothing to lie upon: they are left out by how far off they are, first roughly, then
 narrowly. What the surfaces leave open (along a corridor, or before one bare wall) stays as it was believed; and so does
 a scan whose walls lie upon the prior's from the start, whatever else of it does not. Where one wall alone would move a
-scan far, without a turn, it may as well be new, or have moved: then the motion is told without that step, too.
+scan far, without a turn, it may as well be new, or have moved: then `held` is the motion without its step in plan.
 """
 
 from typing import NamedTuple

@@ -132,7 +132,7 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
 
 
 def _other_place(scan: OwnScan, unit: float) -> tuple[str, ...]:
-    """What is to be said of a given pose that is far from the one in the scan's file."""
+    """What is to be said of a given pose that is far from the one in the scan's file; of map grids nothing."""
     off = 0.0 if scan.stated is None else float(np.linalg.norm(scan.position - scan.stated * unit))
     return (f"its pose as given is {off:.1f} m from the one in its file",) if off > FAR_FROM_FILE else ()
 

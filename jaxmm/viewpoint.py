@@ -144,6 +144,7 @@ def estimate_by_other(thin: np.ndarray, other: np.ndarray, horizontal_fov: float
             f"and {hidden:.0%} behind others; expected at least {LEAST_TOUCHED_SHARED:.0%}, at most "
             f"{MOST_STRAYS_SHARED:.0%} and {MOST_HIDDEN:.0%}"
         )
+    # The limit of what is an estimate holds for the other scan's own pose; what is added is told, and no more.
     return found._replace(touched=touched, hidden=hidden, deviation=np.hypot(found.deviation, SHARED_UNSURE))
 
 
