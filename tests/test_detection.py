@@ -224,7 +224,7 @@ def test_a_part_of_a_wall_that_still_stands_is_not_new(judges):
 
 
 def test_doors_and_windows_are_gone_with_their_wall_and_hide_nothing_new(judges):
-    openings = (((3.0, -1.2, 1.4), (0.11, 0.6, 0.6), WINDOW), ((3.0, 1.2, 1.0), (0.11, 0.45, 1.0), DOOR))
+    openings = (((3.0, -0.7, 1.4), (0.11, 1.9, 1.1), WINDOW), ((3.0, 2.0, 1.2), (0.11, 0.7, 1.2), DOOR))
     gone, (new,) = found_of_gone(judges, walls_of_room(3.5), walls_of_room(3.0, BEYOND, *openings))
     assert gone and new.object_type == "wall" and new.center[0] == pytest.approx(3.5, abs=0.08)
     assert new.dimensions[:2].max() > 4.5
