@@ -69,20 +69,19 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     timing["evidence"] = time.perf_counter() - start - sum(timing.values())
     verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
     wanted = _of_classes(prior, verdicts, settings)
-    compared = looked
+    past_gone = None
     if wanted is not None and settings.preset != "thesis":
-        compared = compared_with_what_remains(prior, looked, wanted, judges)
+        past_gone = compared_with_what_remains(prior, looked, wanted, judges)
         timing["evidence"] = time.perf_counter() - start - sum(timing.values()) + timing["evidence"]
-    mismatches = mismatches_of(prior, compared, wanted, settings)
+    mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
     timing["objects"] = time.perf_counter() - start - sum(timing.values())
     elements = _elements(prior, verdicts, (placed, looked), settings) if verdicts is not None else ()
     timing["next views"] = time.perf_counter() - start - sum(timing.values())
     records = _records(prior, scans, placed, (told, settings, mismatches))
     # Drawn are the rays as the whole model has them, and what the points are held for in the end.
-    held = [
-        one._replace(added=new.added._replace(view=one.added.view)) for one, new in zip(looked, compared, strict=True)
-    ]
-    drawing = _drawing(prior, held, placed)
+    drawn = zip(looked, past_gone or looked, strict=True)
+    drawn = [one._replace(added=new.added._replace(view=one.added.view)) for one, new in drawn]
+    drawing = _drawing(prior, drawn, placed)
     timing["total"] = time.perf_counter() - start
     fits = [one.registration for one in records]
     registration = {

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm import hindsight
-from jaxmm.box_match import footprint
+from jaxmm.box_match import footprint, match_boxes
 from jaxmm.boxes import Box, fit_boxes
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.hindsight import Alone
@@ -18,10 +18,10 @@ from jaxmm.judging import Side
 from jaxmm.object_clues import ONTO
 from jaxmm.object_finish import Rays
 from jaxmm.object_shapes import is_round
-from jaxmm.objects import Found, Judged, find_objects
+from jaxmm.objects import Found, Judged, ObjectSettings, find_objects
 from jaxmm.places import Visits, fused
 from jaxmm.priors import Prior
-from jaxmm.report import Mismatch
+from jaxmm.report import Mismatch, box_of
 from jaxmm.scan_rays import ScanRays
 from jaxmm.verdicts import REMOVED, Verdict
 from warp_scanner.building_changes import of_element
@@ -35,6 +35,8 @@ LEAST_MET = 8  # rays that tell of an object, below which it is a guess
 MOST_DENIED = 0.03  # share of the rays that tell anything, which may look through an object's core
 STOREY = 1.5  # [m] between floors of two storeys, at least
 LEAST_LOWER = 0.05  # [m] by which a roof is lower than the ceiling that a thing is made up to
+OFF_PLACE, MOST_TURNED = 1.2, 0.1  # [m] and sine of the angle, by which a wall may be built off its place
+FURNITURE = ObjectSettings().furniture_height  # [m]
 SAME_SIZE = (0.1, 0.15)  # [m], share: sides of an object that moved differ by no more than the greater of both
 
 
@@ -49,7 +51,11 @@ class Looked(NamedTuple):
 
 
 def mismatches_of(
-    prior: Prior, looked: list[Looked], verdicts: list[Verdict] | None, settings: DetectSettings
+    prior: Prior,
+    looked: list[Looked],
+    verdicts: list[Verdict] | None,
+    settings: DetectSettings,
+    past_gone: list[Looked] | None = None,
 ) -> tuple[Mismatch, ...]:
     """All mismatches of all scans together: removed ones first, the most probable first among each.
 
@@ -58,13 +64,20 @@ def mismatches_of(
         looked: each scan.
         verdicts: of all elements of a building; None for a cloud, of which objects are fitted as of the robot's points.
         settings: how.
+        past_gone: the same scans compared with what remains of the building, where something is gone. Of what is new
+            only in these, walls count that may be the ones that are gone, off their place: furniture in the next room
+            would do so, too.
     """
     if verdicts is not None and settings.preset != "thesis":
         gone = _gone(prior, looked, verdicts)
     else:
         gone = _all_fitted(prior, looked, "removed", settings)
     found = sorted(gone, key=lambda one: -one.probability)
-    found += sorted(_all_fitted(prior, looked, "added", settings), key=lambda one: -one.probability)
+    new = _all_fitted(prior, looked, "added", settings)
+    for one in _all_fitted(prior, past_gone, "added", settings) if past_gone else ():
+        if any(_is_off_its_place(one, other) for other in gone) and not match_boxes([box_of(one)], [*map(box_of, new)]):
+            new.append(one)
+    found += sorted(new, key=lambda one: -one.probability)
     return tuple(_linked([one for one in found if one.probability >= settings.least_probability]))
 
 
@@ -195,6 +208,18 @@ def _mismatch(prior: Prior, box: Box, change: str, alone: list[Alone]) -> Mismat
         np.asarray(box.dimensions, np.float64), float(box.rotation), float(box.probability),
         observable_fraction=max(shares, default=0.0), shape=box.shape, told_by=tuple(part.tell for part in alone),
     )  # fmt: skip
+
+
+def _is_off_its_place(new: Mismatch, gone: Mismatch) -> bool:
+    """Whether a new wall may be one that is gone: along it, beside it, and higher than furniture."""
+    if new.object_type != "wall" or gone.object_type != "wall" or new.dimensions[2] < FURNITURE:
+        return False
+    ways = np.radians([one.rotation + (0.0 if one.dimensions[0] >= one.dimensions[1] else 90.0) for one in (new, gone)])
+    along, offset = np.array([np.cos(ways[1]), np.sin(ways[1])]), (new.center - gone.center)[:2]
+    beside = abs(float(offset @ [-along[1], along[0]]))
+    overlap = float(np.mean([max(one.dimensions[:2]) for one in (new, gone)])) - abs(float(offset @ along))
+    turned = abs(float(np.sin(ways[0] - ways[1])))
+    return bool(turned <= MOST_TURNED and beside <= OFF_PLACE and overlap >= max(new.dimensions[:2]) / 2)
 
 
 def _linked(found: list[Mismatch]) -> list[Mismatch]:

@@ -23,7 +23,7 @@ FRAME = 0.1  # [m] by which a door or a window may stand out of its wall
 
 def compared_with_what_remains(
     prior: Prior, looked: list[Looked], verdicts: list[Verdict], judges: Judges
-) -> list[Looked]:
+) -> list[Looked] | None:
     """The scans, those of the robot's points judged anew that are seen past what is gone.
 
     What stands behind a wall that is gone is beyond what its rays should have met, as old things there are; it is
@@ -35,10 +35,13 @@ def compared_with_what_remains(
         looked: each scan.
         verdicts: (E,) of the elements; walls and columns are gone with the doors and windows in them.
         judges: the models.
+
+    Returns:
+        The scans; None where nothing is gone, or everything.
     """
     gone = _gone(prior.building, verdicts)[prior.building.triangles.element]
     if not gone.any() or gone.all():
-        return looked
+        return None
     triangles = prior.building.triangles
     left = triangles._replace(faces=triangles.faces[~gone], element=triangles.element[~gone])
     rest = prior._replace(scene=prepare(left))

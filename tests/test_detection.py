@@ -239,3 +239,14 @@ def test_what_is_seen_through_a_gone_outer_wall_is_not_new(judges):
     assert gone and new == []
     _, (behind,) = found_of_gone(judges, walls_of_room(3.5), walls_of_room(3.0))  # indoors it is
     assert behind.center[0] == pytest.approx(3.5, abs=0.08)
+
+
+@pytest.mark.parametrize(
+    "thing",
+    [((4.6, 0.0, 1.3), (0.4, 0.4, 1.3)), ((5.4, 0.5, 1.3), (0.1, 1.5, 1.3)), ((3.6, 1.0, 1.3), (0.4, 0.1, 1.3))],
+)
+def test_behind_what_is_gone_only_a_wall_beside_its_place_is_new(judges, thing):
+    """No pillar, no wall in the next room, none across: of what stands there nobody knows since when."""
+    real = walls_of_room(3.0, BEYOND, (*thing, WALL), far_wall=())
+    gone, new = found_of_gone(judges, real, walls_of_room(3.0))
+    assert gone and new == []
