@@ -15,7 +15,7 @@ from jaxmm.verdicts import REMOVED, Verdict
 from warp_scanner.building_poses import inside
 from warp_scanner.buildings import Building, element_bounds
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import DOOR, WINDOW
+from warp_scanner.scenes import DOOR, WALL, WINDOW
 from warp_scanner.triangles import cast_triangles, prepare
 
 FRAME = 0.1  # [m] by which a door or a window may stand out of its wall
@@ -37,12 +37,12 @@ def compared_with_what_remains(
         judges: the models.
 
     Returns:
-        The scans; None where nothing is gone, or everything.
+        The scans; None where no wall is gone, or everything is: of what is new there only walls count.
     """
-    gone = _gone(prior.building, verdicts)[prior.building.triangles.element]
-    if not gone.any() or gone.all():
+    triangles, elements = prior.building.triangles, _gone(prior.building, verdicts)
+    gone = elements[triangles.element]
+    if not np.any(triangles.semantic[elements] == WALL) or gone.all():
         return None
-    triangles = prior.building.triangles
     left = triangles._replace(faces=triangles.faces[~gone], element=triangles.element[~gone])
     rest = prior._replace(scene=prepare(left))
     return [_anew(prior, rest, one, judges) for one in looked]
@@ -62,14 +62,14 @@ def _anew(prior: Prior, rest: Prior, one: Looked, judges: Judges) -> Looked:
     seen, rays, old = sight(rest, one.rays), one.rays, one.added.view
     fresh = (seen.robot.count != old.count).any(axis=1) & (old.count[:, SUPPORT] == 0)
     fresh[fresh] = _indoors(prior, old.points[fresh], rays.position)
+    if not fresh.any():
+        return one
     view = View(*(None if a is None else _chosen(fresh, a, b) for a, b in zip(seen.robot, old, strict=True)))
     side = judge(judges, view, seen.frame, "added")
     pillar, wall = (_chosen(fresh, a, b) for a, b in zip(side[1:], one.added[1:], strict=True))
     expected, new = one.expected.copy(), seen.expected.distance
-    with np.errstate(invalid="ignore"):  # no return where none was expected
-        past = np.flatnonzero(
-            (new != expected) & np.isfinite(rays.distance) & ~(abs(rays.distance - expected) <= APART)
-        )
+    differs = np.flatnonzero((new != expected) & np.isfinite(rays.distance))
+    past = differs[np.abs(rays.distance[differs] - expected[differs]) > APART]
     ends = rays.position + rays.direction[past] * rays.distance[past, None].astype(np.float64)
     past = past[_indoors(prior, ends, rays.position)]
     expected[past] = new[past]
