@@ -6,7 +6,10 @@ from pathlib import Path
 from jaxmm.inputs import InputError
 
 EXAMPLE = "jaxmm detect house.ifc scan.e57 --pose 4,-3,1.5,90 --sensor oak-d-pro --out found"
-POSES = "for every scan one, in order; or a JSON file of poses; default: what the scan file says, else it is estimated"
+POSES = (
+    "for every scan one, in order, or a JSON file of them; own (in JSON null), the default of all: what the scan file "
+    "says, else it is estimated"
+)
 SENSORS = (
     "oak-d-pro, oak-d-pro-small, velodyne-16, ouster-64, tls, or a TOML file: says what was in view without a return; "
     "default: the view that the points span"
@@ -30,7 +33,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     )  # fmt: skip
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the reports")
     command.add_argument(
-        "--pose", action="append", default=[], metavar="X,Y,Z,YAW[,PITCH]|FILE.json", help=f"{pose}; {POSES}"
+        "--pose", action="append", default=[], metavar="X,Y,Z,YAW[,PITCH]|own|FILE.json", help=f"{pose}; {POSES}"
     )
     command.add_argument("--sensor", metavar="NAME|FILE", help=SENSORS)
     command.add_argument("--preset", choices=("default", "thesis"), help="how points become boxes")

@@ -37,6 +37,7 @@ from warp_scanner.voxels import thin_clouds
 EVIDENCE = "evidence"
 ESTIMATED_FROM = 0.1  # [m] voxels of the cloud that a viewpoint is estimated from
 FRAMES = ("world", "sensor")
+ESTIMABLE = "it can be only of a camera, here of one that sees {:g} x {:g} degrees (--sensor), not of what looks around"
 
 # Notebooks ask the object itself; the type stays free of what draws.
 Detection._repr_html_ = detection_html
@@ -61,7 +62,7 @@ class Reading:
 def detect(
     prior: Path | str,
     scans: Sequence[Path | str] | Path | str,
-    poses: Sequence[GivenPose] | GivenPose | None = None,
+    poses: Sequence[GivenPose | None] | GivenPose | None = None,
     *,
     reading: Reading | None = None,
     settings: DetectSettings | None = None,
@@ -72,7 +73,7 @@ def detect(
     Args:
         prior: IFC or mesh file, or a point cloud.
         scans: point clouds, see `scan_files`; a file may hold several.
-        poses: one for each scan; None takes those of the files, or estimates them.
+        poses: one for each scan; None takes the one of its file, or estimates it. None alone does so for all.
         reading: units, frame and sensor.
         settings: how to detect.
         model: run folder or .safetensors file of models of the method "evidence".
@@ -89,7 +90,7 @@ def detect(
     if not found:
         raise InputError("scans: expected at least one, got none")
     if given and len(given) != len(found):
-        raise InputError(f"--pose: expected one for each of {len(found)} scans, got {len(given)}")
+        raise InputError(f"--pose: expected one for each of {len(found)} scans (or own), got {len(given)}")
     own = []
     for (file, scan), pose in zip(found, given or [None] * len(found), strict=True):
         with _told_of(file):
@@ -208,14 +209,15 @@ def _viewpoint(prior: Prior, thin: np.ndarray, camera: Pinhole) -> tuple[Viewpoi
     view = camera.horizontal_fov, camera.vertical_fov
     try:
         return estimate(thin, *view, pitch=None), ""
-    except InputError as alone:
-        if prior.cloud is None:
-            raise
-        try:
+    except InputError as error:
+        alone = InputError(f"{error}; {ESTIMABLE.format(*view)}")
+    try:
+        if prior.cloud is not None:
             found = estimate_by_other(thin, prior.cloud.astype(np.float64) + prior.origin, *view)
-        except InputError:
-            raise alone from None
-        return found, " from the points of the prior, as of a scan from the same place"
+            return found, " from the points of the prior, as of a scan from the same place"
+    except InputError:
+        pass
+    raise alone
 
 
 def _check_place(prior: Prior, scan: PosedScan, source: str) -> None:

@@ -16,9 +16,10 @@ from jaxmm.inputs import InputError
 from jaxmm.priors import Prior, distance_from, read_prior
 from jaxmm.scan_files import PointScan
 from jaxmm.scan_poses import GivenPose
-from jaxmm.scan_units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height
+from jaxmm.scan_units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height, thinned
 
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
+ON_A_MAP = 5000.0  # [m] a scan so far away is on a map grid, or in a small unit
 FAR_FROM_FILE = 0.5  # [m] a given pose may be from that of the file, and nothing is said
 LEAST = 0.2  # share of points that must lie on a prior read another way
 CLEARER = 1.25  # times as many points must lie on it as on the prior as it is
@@ -113,27 +114,40 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
         fit, on_map = (mapped, True) if mapped.share >= LEAST_OVERLAP else (fit, False)
     if fit.share < LEAST_OVERLAP and unit is None:
         raise InputError(
-            f"expected a scan of the prior's place, got {fit.share:.1%} of its points within {NEAR:g} m of it; check "
-            "that both are in one frame (--frame), and their units (--unit, --prior-unit) and axes (--up)"
+            f"expected a scan of the prior's place, got {fit.share:.1%} of its points within {NEAR:g} m of it; "
+            + _elsewhere(prior, scan, grid)
         )
     points = scan.world(scan.points * fit.unit)
     position = scan.position * fit.unit if scan.source == "file" else scan.position
     pose = None if position is None else (position, scan.rotation)
     notes = (f"it fits the prior in {UNITS[fit.unit]}, and was read so",) if unit is None and fit.unit != 1.0 else ()
+    stated = None if scan.stated is None else (grid.back if on_map else np.asarray)(scan.stated * fit.unit)
     if not on_map:
-        return LaidScan(points, pose, scan.source, (*notes, *_other_place(scan, fit.unit)))
+        return LaidScan(points, pose, scan.source, (*notes, *_other_place(pose, stated)))
     moved = grid.back(points)
     if pose is not None and (scan.source == "file" or _nearer(position, points, moved)):
         pose = grid.back(position), grid.turn @ scan.rotation
     note = (
         "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
     )
-    return LaidScan(moved, pose, scan.source, (*notes, note))
+    return LaidScan(moved, pose, scan.source, (*notes, note, *_other_place(pose, stated)))
 
 
-def _other_place(scan: OwnScan, unit: float) -> tuple[str, ...]:
-    """What is to be said of a given pose that is far from the one in the scan's file; of map grids nothing."""
-    off = 0.0 if scan.stated is None else float(np.linalg.norm(scan.position - scan.stated * unit))
+def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
+    """What to do about a scan that does not lie on the prior: most coordinates so large are a map grid's."""
+    places = prior.cloud if prior.building is None else prior.building.triangles.vertices
+    away = float(np.abs(np.median(thinned(scan.points), axis=0) - prior.origin - np.median(places, axis=0)).max())
+    if away < ON_A_MAP:
+        return "check that both are in one frame (--frame), and their units (--unit, --prior-unit) and axes (--up)"
+    told = (
+        "the prior has no IfcMapConversion that leads there" if grid is None else "its IfcMapConversion leads elsewhere"
+    )
+    return f"it is {away:.0f} units away, as on a map grid, and {told}: bring both into one frame (and unit, --unit)"
+
+
+def _other_place(pose: tuple[np.ndarray, np.ndarray] | None, stated: np.ndarray | None) -> tuple[str, ...]:
+    """What is to be said of a given pose that is far from the place (3,) [m] that the scan's file states."""
+    off = 0.0 if stated is None else float(np.linalg.norm(pose[0] - stated))
     return (f"its pose as given is {off:.1f} m from the one in its file",) if off > FAR_FROM_FILE else ()
 
 

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from jaxmm.inputs import InputError
 
 FARTHEST = 1e9  # [m] coordinates beyond this are taken for mistakes
+OWN = "own"  # in place of a pose: that of the scan's file, or the estimated one
 FORM = "X,Y,Z,YAW[,PITCH], finite, pitch within 90 degrees"
-JSON_FORM = 'expected {"position": [x, y, z], "yaw": degrees, "pitch": degrees}, or a list of those'
+JSON_FORM = 'expected {"position": [x, y, z], "yaw": degrees, "pitch": degrees}, or a list of those, null for own'
 
 
 class GivenPose(NamedTuple):
@@ -27,8 +28,10 @@ class GivenPose(NamedTuple):
         return Rotation.from_euler("ZY", [self.yaw, -self.pitch], degrees=True).as_matrix()
 
 
-def read_poses(words: list[str]) -> list[GivenPose]:
-    """The poses that the values of --pose give: numbers, or JSON files that hold one pose or a list.
+def read_poses(words: list[str]) -> list[GivenPose | None]:
+    """The poses that the values of --pose give: numbers, OWN, or JSON files that hold one pose or a list.
+
+    None stands for the scan's own pose: that of its file, or the estimated one.
 
     Raises:
         InputError: neither, or not of the form.
@@ -36,7 +39,10 @@ def read_poses(words: list[str]) -> list[GivenPose]:
     found = []
     for word in words:
         path = Path(word)
-        found += _from_json(path) if path.suffix.lower() == ".json" else [parse_pose(word)]
+        if path.suffix.lower() == ".json":
+            found += _from_json(path)
+        else:
+            found.append(None if word == OWN else parse_pose(word))
     return found
 
 
@@ -53,7 +59,7 @@ def parse_pose(text: str) -> GivenPose:
     return _checked(values, "--pose", repr(text))
 
 
-def _from_json(path: Path) -> list[GivenPose]:
+def _from_json(path: Path) -> list[GivenPose | None]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -63,7 +69,7 @@ def _from_json(path: Path) -> list[GivenPose]:
     entries = content if isinstance(content, list) else [content]
     if not entries:
         raise InputError(f"--pose: {path}: {JSON_FORM}, got none")
-    return [_entry(path, entry) for entry in entries]
+    return [None if entry is None and entries is content else _entry(path, entry) for entry in entries]
 
 
 def _entry(path: Path, entry: Any) -> GivenPose:

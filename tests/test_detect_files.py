@@ -93,6 +93,20 @@ def test_scans_of_any_kind_together(room, tmp_path):
     assert found.mismatches == ()
 
 
+def test_one_scan_may_get_a_pose_and_another_keep_that_of_its_file(room, tmp_path):
+    folder, case = room
+    scans = [folder / name / "scan.pcd" for name in "ab"]
+    origin = rays(folder, "a")[1]
+    yaw, pitch = case.detection.scans[0].pose[3:]
+    given = parse_pose(f"{','.join(f'{value:.6f}' for value in origin)},{yaw},{pitch}")
+    found = detect(case.ifc, scans, [given, None])
+    assert [one.pose_source for one in found.scans] == ["given", "file"]
+    for one, name in zip(found.scans, "ab", strict=True):
+        assert close_to(one, *rays(folder, name)[1:])
+    with pytest.raises(InputError, match=r"expected one for each of 2 scans \(or own\), got 1"):
+        detect(case.ifc, scans, [None])
+
+
 def test_a_camera_with_something_right_before_it_stands_where_the_prior_was_scanned_from(room, tmp_path):
     """A quarter of the view is gone, as where it was filtered out; the pose was never written down."""
     folder, _ = room
@@ -107,7 +121,8 @@ def test_a_camera_with_something_right_before_it_stands_where_the_prior_was_scan
     found = detect(tmp_path / "before.npy", tmp_path / "after.npy")
     assert found.scans[0].pose_source == "estimated" and close_to(found.scans[0], position, rotation)
     assert any("from the points of the prior" in note for note in found.scans[0].notes)
-    with pytest.raises(InputError, match=r"after\.npy: the viewpoint cannot be estimated: at best its points touch"):
+    why = r"after\.npy: the viewpoint cannot be estimated: at best its points touch.*it can be only of a camera"
+    with pytest.raises(InputError, match=why):
         detect(tmp_path / "elsewhere.npy", tmp_path / "after.npy")
 
 

@@ -106,6 +106,20 @@ def test_a_scan_that_lies_nowhere_is_refused_in_one_line(room):
     np.testing.assert_array_equal(laid.points, scan.points)
 
 
+@pytest.mark.parametrize("georeferenced", [False, True])
+def test_a_scan_on_another_grid_is_told_how_far_it_is(room, tmp_path, georeferenced):
+    room[0].export(tmp_path / "room.stl")
+    prior, to_map = read_prior(tmp_path / "room.stl"), np.eye(4)
+    to_map[:3, 3] = 900_000.0
+    prior = prior._replace(building=prior.building._replace(to_map=to_map if georeferenced else None))
+    scan = own_scan(plain(room[1] + [155_000.0, 463_000.0, 0.0]), None, "world")
+    with pytest.raises(
+        InputError, match=r"it is 463\d{3} units away, as on a map grid, and .*IfcMapConversion"
+    ) as told:
+        lay(prior, scan, None)
+    assert ("leads elsewhere" in str(told.value)) == georeferenced and "\n" not in str(told.value)
+
+
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("unit", [1.0, 0.001])
 @pytest.mark.parametrize("posed", ["by the file", "on the map", "in the building", "not"])

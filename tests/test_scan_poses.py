@@ -20,6 +20,13 @@ def test_numbers_and_files_give_the_same_pose(tmp_path):
     assert len(read_poses([str(path), "1,2,3,4"])) == 3
 
 
+def test_some_scans_may_keep_their_own_pose(tmp_path):
+    path = tmp_path / "poses.json"
+    path.write_text(json.dumps([None, {"position": [0, 0, 0]}]))
+    own, given, other, last = read_poses([str(path), "own", "1,2,3,4"])
+    assert own is None and other is None and given.yaw == 0.0 and last.yaw == 4.0
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_rotations_are_the_scanners(seed):
     yaw, pitch = np.random.default_rng(seed).uniform([-180, -90], [180, 90])
@@ -37,7 +44,7 @@ def test_what_is_no_pose_is_refused_in_one_line(text):
 
 @pytest.mark.parametrize(
     "content",
-    ["", "{", "[]", "3", '{"position": [1, 2]}', '{"position": [1, 2, "x"]}', '{"position": [1, 2, true]}',
+    ["", "{", "[]", "3", "null", '{"position": [1, 2]}', '{"position": [1, 2, "x"]}', '{"position": [1, 2, true]}',
      '{"position": [1, 2, 3], "yaw": null}', '{"position": [1, 2, 1e99]}', "[" * 100_000],
 )  # fmt: skip
 def test_files_without_poses_are_refused_in_one_line(tmp_path, content):
