@@ -9,9 +9,9 @@ import trimesh
 from warp_scanner import building_pairs
 from warp_scanner.building_changes import of_element, removable
 from warp_scanner.building_files import read_building
-from warp_scanner.building_pairs import BuildingPairConfig, make_building_pairs
+from warp_scanner.building_pairs import MISSING, BuildingPairConfig, make_building_pairs
 from warp_scanner.building_poses import draw_positions, element_around
-from warp_scanner.buildings import Building, Storeys
+from warp_scanner.buildings import Building, Storeys, without
 from warp_scanner.draws import keys
 from warp_scanner.pairs import Pairs
 from warp_scanner.points import points_of
@@ -70,7 +70,7 @@ def pairs_of(building, count=3, **more) -> Pairs:
 
 
 @pytest.mark.parametrize("condition", ["clean", "occluded"])
-@pytest.mark.parametrize("scenario", SCENARIOS)
+@pytest.mark.parametrize("scenario", [*SCENARIOS, *MISSING])
 def test_labels_are_true(hall, scenario, condition):
     pairs, own = pairs_of(hall, scenario=scenario, condition=condition), len(hall.elements.guid)
     removed = scenario.endswith("removed")
@@ -92,7 +92,7 @@ def test_labels_are_true(hall, scenario, condition):
     same = pairs.dt.distance == pairs.robot.distance
     assert not (pairs.testable_dt & same).any() and not (pairs.testable_robot & same).any()
     assert np.all((pairs.observable_fraction >= 0) & (pairs.observable_fraction <= 1))
-    furniture = pairs.robot.element > (own if not removed else own - 1)
+    furniture = pairs.robot.element > (own if scenario.endswith("added") else own - 1)
     assert furniture.any() == (condition == "occluded")
 
 
@@ -117,6 +117,26 @@ def test_removed_elements_are_the_buildings_own(hall):
     found = {hall.elements.name[element] for element in np.unique(pairs.dt.element[pairs.changed_dt])}
     assert found == {"column a", "column b"}
     assert not np.isin(pairs.robot.element, np.unique(pairs.dt.element[pairs.changed_dt]))[pairs.changed_dt].any()
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_what_is_missing_in_the_prior_is_what_is_removed_the_other_way_round(hall, condition):
+    gone, missing = (pairs_of(hall, scenario=f"pillar_{way}", condition=condition) for way in ("removed", "missing"))
+    np.testing.assert_array_equal(gone.pose.position, missing.pose.position)
+    np.testing.assert_array_equal(gone.box.element, missing.box.element)
+    assert np.all(gone.box.change == -1) and np.all(missing.box.change == 1)
+    if condition == "clean":  # what one scan shows, the other does not
+        np.testing.assert_array_equal(gone.dt.element, missing.robot.element)
+        np.testing.assert_array_equal(gone.robot.distance, missing.dt.distance)
+    for row in range(3):  # the prior that the pair is of
+        left = without(hall, missing.box.element[row])
+        rays = Rays(
+            missing.pose.position[row : row + 1], missing.directions,
+            rotation_of(missing.pose.yaw[row : row + 1], missing.pose.pitch[row : row + 1]),
+        )  # fmt: skip
+        np.testing.assert_array_equal(
+            cast_triangles(prepare(left.triangles), rays).distance[0], missing.dt.distance[row]
+        )
 
 
 def test_nothing_changes_in_unchanged_pairs(hall):

@@ -1,7 +1,8 @@
 """A building becomes pairs of scans that differ in one wall or column, with the truth about every ray.
 
-Removed: one of the building's own walls or columns is left out of reality. Added: a box or a cylinder, or a copy of one
-of the building's own, stands in reality only. Furniture stands in the occluded reality only. All of it shares one mesh,
+Removed: one of the building's own walls or columns is left out of reality. Missing: it is left out of the prior, where
+it stands in reality. Added: a box or a cylinder, or a copy of one of the building's own, stands free in reality only.
+Furniture stands in the occluded reality only. All of it shares one mesh,
 out of which each scan picks what is there. Positions are offsets from the building's origin, metres, z up; R pairs.
 
 A point of the prior is testable where the robot's ray returns from beyond it, by more than the margin: a ray that does
@@ -29,6 +30,7 @@ from warp_scanner.settings import check_seed
 from warp_scanner.surface import incidence_of
 from warp_scanner.triangles import TriangleScene, cast_faces, cast_triangles, face_normals, prepare
 
+MISSING = ("pillar_missing", "wall_missing")  # of the prior, see `without`
 _ATTEMPTS = 200
 # Shape beyond (R, M) and dtype of every field of a TrueBox.
 _BOX_FIELDS = (((3,), np.float32), ((3,), np.float32), ((), np.float32), ((), np.uint8), ((), np.int8), ((), np.int32),
@@ -46,7 +48,7 @@ class BuildingPairConfig:
     """Which pairs of a building to make; lengths in metres."""
 
     seed: int = 0
-    scenario: str = "pillar_added"  # one of scenarios.SCENARIOS, or "unchanged"
+    scenario: str = "pillar_added"  # one of scenarios.SCENARIOS or of MISSING, or "unchanged"
     condition: str = "clean"  # or "occluded"
     sensor: Sensor = OAK_D_PRO_SMALL  # errs in the robot scan only; the DT scan shares its reach
     standing: Standing = Standing()
@@ -57,8 +59,9 @@ class BuildingPairConfig:
     minimum_share: float = 0.001  # least share of the rays that hit the changed object in the clean scene, within reach
 
     def __post_init__(self):
-        if self.scenario not in (*SCENARIOS, "unchanged"):
-            raise ValueError(f"scenario must be one of {(*SCENARIOS, 'unchanged')}, got {self.scenario!r}")
+        known = (*SCENARIOS, *MISSING, "unchanged")
+        if self.scenario not in known:
+            raise ValueError(f"scenario must be one of {known}, got {self.scenario!r}")
         if self.condition not in CONDITIONS:
             raise ValueError(f"condition must be one of {CONDITIONS}, got {self.condition!r}")
         check_seed(self.seed)
@@ -68,6 +71,11 @@ class BuildingPairConfig:
         for name in ("copied_share", "minimum_share"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ValueError(f"{name} must be between 0 and 1, got {getattr(self, name)}")
+
+    @property
+    def of_building(self) -> bool:
+        """Whether what changes is one of the building's own elements."""
+        return self.scenario.endswith(("removed", "missing"))
 
     @property
     def semantic(self) -> int:
@@ -80,7 +88,7 @@ class _Site(NamedTuple):
 
     building: Building
     scene: TriangleScene
-    removable: np.ndarray  # (N,) rows of elements; empty where nothing is to be removed
+    removable: np.ndarray  # (N,) rows of elements; empty where none of them changes
     low: np.ndarray  # (N, 3) [m] their bounding boxes
     high: np.ndarray
 
@@ -101,8 +109,8 @@ def make_building_pairs(
     """Pairs of the given numbers; a pure function of (building, config, index) for every single pair.
 
     The two conditions of one index share pose and changed object. Elements of the scans are rows of the building's
-    table; an added object has the id after the last, furniture the ids after that. Positions are offsets from the
-    building's origin.
+    table, of a missing one too; an added object has the id after the last, furniture the ids after that. Positions are
+    offsets from the building's origin.
 
     Args:
         building: from read_building.
@@ -112,7 +120,7 @@ def make_building_pairs(
 
     Raises:
         ValueError: index is not (R,) or holds a negative number; the building has no such storey; something is to be
-            removed that it lacks.
+            removed, or missing, that it lacks.
         RuntimeError: no place where a sensor sees a change.
     """
     index = np.asarray(index)
@@ -133,7 +141,7 @@ def _site(building: Building, config: BuildingPairConfig) -> _Site:
         )
     low, high = element_bounds(building.triangles)
     rows = np.zeros(0, int)
-    if config.scenario.endswith("removed"):
+    if config.of_building:
         rows = removable(building, config.semantic)
         if not len(rows):
             kind = config.scenario.partition("_")[0]
@@ -197,7 +205,7 @@ def _attempt(site: _Site, config: BuildingPairConfig, view: tuple) -> _Attempt |
         return None
     least = max(1, int(np.ceil(config.minimum_share * prior.distance.size)))
     triangles, changed, change = building.triangles, -1, None
-    if config.scenario.endswith("removed"):
+    if config.of_building:
         seen = np.bincount(prior.element[prior.element >= 0], minlength=own)
         candidates = [number for number in site.removable if seen[number] >= least]
         if not candidates:
@@ -216,8 +224,8 @@ def _attempt(site: _Site, config: BuildingPairConfig, view: tuple) -> _Attempt |
         triangles = triangles if furniture is None else join(triangles, furniture)
     count = len(triangles.semantic)
     in_prior, in_real = np.arange(count) < own, np.ones(count, bool)
-    if config.scenario.endswith("removed"):
-        in_real[changed] = False
+    if config.of_building:
+        (in_real if config.scenario.endswith("removed") else in_prior)[changed] = False
     full = prepare(triangles) if count > own else scene
     if config.scenario.endswith("added"):
         clean = within_reach(cast_triangles(full, rays, np.arange(count) < before, threads), config.sensor)

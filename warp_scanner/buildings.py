@@ -6,6 +6,7 @@ are offsets too.
 """
 
 import dataclasses
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -192,6 +193,20 @@ def element_bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
         span[present] = pick.reduceat(pick(pick(a, b), c), start)
         spans.append(span)
     return spans[0], spans[1]
+
+
+def without(building: Building, rows: np.ndarray) -> Building:
+    """A building as a model that misses some elements (n,): those behind them move up in the table."""
+    stays = np.ones(len(building.elements.guid), bool)
+    stays[rows] = False
+    table = Elements(*(
+        tuple(itertools.compress(column, stays)) if isinstance(column, tuple) else column[stays]
+        for column in building.elements
+    ))  # fmt: skip
+    vertices, faces, element, semantic = building.triangles
+    left = stays[element]
+    element = (np.cumsum(stays) - 1)[element[left]].astype(np.int32)
+    return building._replace(elements=table, triangles=Triangles(vertices, faces[left], element, semantic[stays]))
 
 
 def fixed(triangles: Triangles) -> np.ndarray:
