@@ -25,6 +25,7 @@ class Alone(NamedTuple):
     would_meet: int
     tell: int  # of those, that show that it is new, or gone
     deny: int  # of those, that show the contrary
+    through: int = 0  # of these, that pass where its face is seen on either side: a wall has openings
 
 
 def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
@@ -37,13 +38,14 @@ def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
     return Alone(int(meets.sum()), int((back & (apart > APART)).sum()), int((np.abs(apart) <= APART).sum()))
 
 
-def of_box(box: Box, expected: np.ndarray, rays: ScanRays) -> Alone:
+def of_box(box: Box, expected: np.ndarray, rays: ScanRays, face: tuple[float, float] = (0.0, 0.0)) -> Alone:
     """A new object: rays that end on it before the prior tell, rays through its core deny.
 
     Args:
         box: where it stands.
         expected: (P,) [m] what the rays should have met without it.
         rays: of the scan.
+        face: [m] from where to where it is seen, along its longer edge, counted from its centre.
     """
     reach = _reach(box, 1.0, rays)
     meets = np.isfinite(reach) & (reach <= rays.limit)
@@ -52,7 +54,11 @@ def of_box(box: Box, expected: np.ndarray, rays: ScanRays) -> Alone:
     core = _reach(box, CORE, rays)
     with np.errstate(invalid="ignore"):
         beyond = np.isfinite(core) & np.isfinite(rays.distance) & (rays.distance > core + OFF + max(box.dimensions[:2]))
-    return Alone(int(meets.sum()), int((on_it & before).sum()), int(beyond.sum()))
+    turn = np.radians(box.rotation + (0.0 if box.dimensions[0] >= box.dimensions[1] else 90.0))
+    at_core = rays.position + rays.direction[beyond] * core[beyond, None].astype(np.float64)
+    place = (at_core - np.asarray(box.center))[:, :2] @ [np.cos(turn), np.sin(turn)]
+    through = int(np.sum((place > face[0]) & (place < face[1])))
+    return Alone(int(meets.sum()), int((on_it & before).sum()), int(beyond.sum()), through)
 
 
 def of_gone_box(box: Box, rays: ScanRays) -> Alone:

@@ -33,6 +33,7 @@ KINDS = {WALL: "wall", PILLAR: "pillar"}
 LEAST_NEW = 0.5  # share of an added object's points that must be farther
 LEAST_MET = 8  # rays that tell of an object, below which it is a guess
 MOST_DENIED = 0.03  # share of the rays that tell anything, which may look through an object's core
+MOST_OPEN = 0.3  # and that may pass through a wall's openings
 STOREY = 1.5  # [m] between floors of two storeys, at least
 LEAST_LOWER = 0.05  # [m] by which a roof is lower than the ceiling that a thing is made up to
 OFF_PLACE, MOST_TURNED = 1.2, 0.1  # [m] and sine of the angle, by which a wall may be built off its place
@@ -138,7 +139,8 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
             for kind in ("pillar", "wall")
             for box in fit_boxes(judged.points, getattr(judged, kind), kind, settings.boxes, extent)
         ]
-        return [_mismatch(prior, box, change, _alone(box, change, looked)) for box in boxes]
+        fitted = [_mismatch(prior, box, change, _alone(box, change, looked)) for box in boxes]
+        return [one._replace(measured=_measured_by_thesis(one, settings)) for one in fitted]
 
     def box_of(one: Found) -> Box:
         return _below_roof(prior, one.box, float(judged.points[one.members, 2].max())) if change == "added" else one.box
@@ -147,13 +149,23 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
         """Whether it is likely, new, and the rays meet it and hardly pass through it."""
         if one.box.probability < settings.least_probability:
             return False
-        alone = _alone(box_of(one), change, looked)
+        box = box_of(one)
+        alone = _alone(box, change, looked, _face(box, judged.points[one.members]))
         new = np.mean(judged.apart[one.members] > ONTO) if change == "added" else 1.0
-        tell, deny = sum(part.tell for part in alone), sum(part.deny for part in alone)
-        return bool(new >= LEAST_NEW and tell >= LEAST_MET and deny <= MOST_DENIED * (tell + deny))
+        tell, through = sum(part.tell for part in alone), sum(part.through for part in alone)
+        deny = sum(part.deny for part in alone) - through
+        solid = deny <= MOST_DENIED * (tell + deny) and through <= MOST_OPEN * (tell + through)
+        return bool(new >= LEAST_NEW and tell >= LEAST_MET and solid)
 
-    boxes = [box_of(one) for one in find_objects(judged, settings.objects, prior.known, allows=allows)]
-    return [_mismatch(prior, box, change, _alone(box, change, looked)) for box in boxes]
+    found = [(box_of(one), one) for one in find_objects(judged, settings.objects, prior.known, allows=allows)]
+    fitted = [(_mismatch(prior, box, change, _alone(box, change, looked)), one) for box, one in found]
+    return [mismatch._replace(measured=one.measured) for mismatch, one in fitted]
+
+
+def _measured_by_thesis(one: Mismatch, settings: DetectSettings) -> tuple[bool, bool, bool]:
+    """Walls get a thickness, and everything the height of its room."""
+    thick = int(np.argmin(one.dimensions[:2])) if one.object_type == "wall" else -1
+    return (thick != 0, thick != 1, not settings.boxes.stretch)
 
 
 def _below_roof(prior: Prior, box: Box, seen: float) -> Box:
@@ -194,10 +206,19 @@ def judged_side(looked: list[Looked], change: str) -> Judged:
     )  # fmt: skip
 
 
-def _alone(box: Box, change: str, looked: list[Looked]) -> list[Alone]:
+def _face(box: Box, points: np.ndarray) -> tuple[float, float]:
+    """From where to where [m] along a wall it is seen, counted from its centre; nowhere of a pillar, which is whole."""
+    if box.object_type != "wall":
+        return (0.0, 0.0)
+    turn = np.radians(box.rotation + (0.0 if box.dimensions[0] >= box.dimensions[1] else 90.0))
+    place = (points - box.center)[:, :2] @ [np.cos(turn), np.sin(turn)]
+    return (float(place.min()), float(place.max()))
+
+
+def _alone(box: Box, change: str, looked: list[Looked], face: tuple[float, float] = (0.0, 0.0)) -> list[Alone]:
     if change == "removed":
         return [hindsight.of_gone_box(box, one.rays) for one in looked]
-    return [hindsight.of_box(box, one.expected, one.rays) for one in looked]
+    return [hindsight.of_box(box, one.expected, one.rays, face) for one in looked]
 
 
 def _mismatch(prior: Prior, box: Box, change: str, alone: list[Alone]) -> Mismatch:

@@ -13,8 +13,8 @@ WITHIN = 0.7  # of a front's width: rays past its edges tell nothing
 ENDS = 0.5  # share of the rays past an object's end which meet something else there or go on
 
 
-def levels_of(sight: Sight, solid: Solid, settings: PieceSettings) -> tuple[float, float]:
-    """Lowest and highest level [m].
+def levels_of(sight: Sight, solid: Solid, settings: PieceSettings) -> tuple[float, float, bool]:
+    """Lowest and highest level [m], and whether both are seen, not assumed.
 
     Args:
         sight: of all points.
@@ -24,7 +24,7 @@ def levels_of(sight: Sight, solid: Solid, settings: PieceSettings) -> tuple[floa
     z = sight.points[solid.members, 2]
     low, high = float(z.min()), float(z.max())
     start, end = _front(sight, solid)
-    levels = []
+    levels, measured = [], True
     for surface, seen, bottom, top in (
         (sight.floor, low, sight.floor, low),
         (sight.ceiling, high, high, sight.ceiling),
@@ -32,8 +32,10 @@ def levels_of(sight: Sight, solid: Solid, settings: PieceSettings) -> tuple[floa
         patch = Patch(start, end, bottom + settings.rim, top - settings.rim)
         found = crossings(sight, patch, settings.tolerance)
         ends = top - bottom > settings.in_line and found.total >= LEAST_RAYS
-        levels.append(seen if ends and found.on + found.beyond > ENDS * found.total else surface)
-    return levels[0], levels[1]
+        ends &= found.on + found.beyond > ENDS * found.total
+        levels.append(seen if ends else surface)
+        measured &= ends or top - bottom <= settings.in_line
+    return levels[0], levels[1], measured
 
 
 def _front(sight: Sight, solid: Solid) -> tuple[np.ndarray, np.ndarray]:

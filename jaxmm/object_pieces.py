@@ -85,10 +85,15 @@ def pieces_of(sight: Sight, chosen: np.ndarray, loose: np.ndarray, settings: Pie
 def upright(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[Piece]:
     """The pieces that are no furniture: nobody looks past them above or below, or they are higher than furniture is.
 
-    What stands right beside a piece that does not, and is no higher, is another side of the same thing.
+    What stands right beside a piece that does not, and is no higher, is another side of the same thing. What is below
+    an opening and what is above it, in one plane, are as high as both together.
     """
     pieces = [_trimmed(sight, piece, settings) for piece in pieces]
     fits = [_may_be_upright(sight, piece, settings) for piece in pieces]
+    fits = [
+        fit or any(_is_around_opening(sight, piece, other, settings) for other in pieces)
+        for piece, fit in zip(pieces, fits, strict=True)
+    ]
     low = [piece for piece, fit in zip(pieces, fits, strict=True) if not fit]
     passed = [piece for piece, fit in zip(pieces, fits, strict=True) if fit]
     return [piece for piece in passed if not any(_is_side_of(sight, piece, other, settings) for other in low)]
@@ -198,6 +203,20 @@ def _may_be_upright(sight: Sight, piece: Piece, settings: PieceSettings) -> bool
     return True
 
 
+def _is_around_opening(sight: Sight, piece: Piece, other: Piece, settings: PieceSettings) -> bool:
+    """Whether two faces lie in one plane, one above the other, and are higher than furniture together."""
+    if piece is other or piece.face is None or other.face is None or not _is_in_line(piece, other, settings):
+        return False
+    (low, high), (bottom, top) = (
+        (sight.points[one.members, 2].min(), sight.points[one.members, 2].max()) for one in (piece, other)
+    )
+    if not (high < bottom or top < low) or max(high, top) - min(low, bottom) < settings.furniture_height:
+        return False
+    place = np.sort((other.face.ends - piece.face.center) @ piece.face.along)
+    half = piece.face.length / 2
+    return bool(min(place[1], half) - max(place[0], -half) > min(other.face.length, piece.face.length) / 2)
+
+
 def _is_side_of(sight: Sight, piece: Piece, other: Piece, settings: PieceSettings) -> bool:
     if piece.cluster != other.cluster or len(other.members) < len(piece.members) / 4:
         return False
@@ -219,11 +238,9 @@ def front_of(piece: Piece) -> tuple[np.ndarray, np.ndarray]:
 
 def _is_one(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> bool:
     """Whether two pieces are of one wall; a face and the one at its back are not one face."""
-    if a.face is None or b.face is None or a.toward @ b.toward < np.cos(np.radians(settings.turn)):
+    if a.face is None or b.face is None or not _is_in_line(a, b, settings):
         return False
     ends = b.face.ends - a.face.center
-    if np.abs(ends @ a.face.across).max() > settings.in_line + 0.02 * b.face.length:
-        return False
     (low, high), half = np.sort(ends @ a.face.along), a.face.length / 2
     between = (half, low) if low > half else (high, -half)
     gap = between[1] - between[0]
@@ -234,6 +251,13 @@ def _is_one(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> bool:
     if gap <= settings.run_gap:
         return bool(between_of(sight, start, end, settings).free <= settings.free)
     return is_hidden(sight, start, end, settings)
+
+
+def _is_in_line(a: Piece, b: Piece, settings: PieceSettings) -> bool:
+    """Whether one face lies in the plane of the other, turned to the same side."""
+    across = np.abs((b.face.ends - a.face.center) @ a.face.across).max()
+    turned = a.toward @ b.toward < np.cos(np.radians(settings.turn))
+    return bool(not turned and across <= settings.in_line + 0.02 * b.face.length)
 
 
 def is_hidden(sight: Sight, start: np.ndarray, end: np.ndarray, settings: PieceSettings) -> bool:

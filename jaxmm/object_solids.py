@@ -19,6 +19,8 @@ class SolidSettings(CandidateSettings):
     """How candidates become walls and pillars. Lengths in metres."""
 
     least_column: float = 0.26  # a lone face of a wall that is narrower is its end
+    familiar: float = 1e4  # times as likely is what has both sides of a column, or of a short wall, of its building
+    familiar_face: float = 10.0  # and what has one of them
     least_width: float = 0.15  # of a lone face that goes on unseen; less tells nothing of its shape
 
 
@@ -82,7 +84,7 @@ def _wall(
     narrow = length < settings.least_column or (length <= settings.most_thickness and _ends(sight, shown, settings))
     if narrow and not any(_lies_beyond(side, piece, settings) for piece in others):
         return wall_end_on(side, settings)._replace(members=candidate.members)
-    return wall_behind(sight, side, others, settings, known.walls)
+    return wall_behind(sight, side, others, settings, known)
 
 
 def _lies_beyond(side: Piece, other: Piece, settings: SolidSettings) -> bool:
@@ -112,7 +114,8 @@ def _front(sight: Sight, candidate: Candidate, settings: SolidSettings, known: K
     length = first.face.length
     edges = np.array([length, _depth(length, settings, known)])
     center = first.face.center - first.toward * edges[1] / 2
-    return Solid("pillar", "rectangular", center, edges, first.face.along, members)
+    measured = (_ends(sight, first, settings), False)
+    return Solid("pillar", "rectangular", center, edges, first.face.along, members, measured)
 
 
 def _angled(places: np.ndarray, first: Piece, settings: SolidSettings) -> tuple[np.ndarray, ...] | None:
@@ -133,14 +136,15 @@ def _corner(sight: Sight, candidate: Candidate, settings: SolidSettings, known: 
     thin, side = sorted((first, candidate.crossing), key=lambda piece: piece.face.length)
     along = upright_along(sight.points[members, :2])
     center, edges = rectangle_along(sight.points[members, :2], along)
+    measured = (True, True)
     if not _ends(sight, thin, settings) and _ends(sight, side, settings):
         # The rest of the hidden side, away from the sensor.
         axes = np.stack([along, [-along[1], along[0]]])
         grown = np.array([_depth(edges.max(), settings, known) if edge < edges.max() else edge for edge in edges])
         grown = np.maximum(grown - edges, 0.0)
         center = center + (np.sign(axes @ (center - first.origin[:2])) * grown / 2) @ axes
-        edges = edges + grown
-    return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), along, members)
+        edges, measured = edges + grown, (not grown[0], not grown[1])
+    return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), along, members, measured)
 
 
 def _depth(width: float, settings: SolidSettings, known: KnownBuilding) -> float:

@@ -17,7 +17,9 @@ class KnownBuilding(NamedTuple):
     """What is usual in the building, as its prior says."""
 
     walls: tuple[float, ...] = ()  # the different thicknesses [m] of its walls
+    usual_wall: float = 0.0  # [m] half of the length of its walls is no thicker; 0 where nobody knows
     columns: tuple[tuple[float, float, bool], ...] = ()  # width and depth [m], and whether it is round
+    short_walls: tuple[tuple[float, float], ...] = ()  # thickness and length [m] of those that may pass for pillars
     uprights: Uprights | None = None  # its upright surface, which tells the directions that it stands along
 
 
@@ -45,6 +47,7 @@ class Solid(NamedTuple):
     edges: np.ndarray  # (2,) [m] along the own axes
     along: np.ndarray  # (2,) unit vector: the first of those
     members: np.ndarray  # (n,) int of the points
+    measured: tuple[bool, bool] = (True, True)  # of the edges, whether they are seen from end to end, not assumed
     probability: float = 1.0  # that it is real
 
 
@@ -59,9 +62,7 @@ STEP = 0.1  # [m] in which the line of a face is followed beyond its end
 LOOKED_THROUGH = 0.3  # share of the rays that pass, from which on nothing is there
 
 
-def wall_behind(
-    sight: Sight, wall: Piece, others: list[Piece], settings: WallSettings, known: tuple[float, ...]
-) -> Solid:
+def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSettings, known: KnownBuilding) -> Solid:
     """A wall behind its visible face.
 
     Args:
@@ -69,7 +70,7 @@ def wall_behind(
         wall: the face.
         others: its ends and its other face, which tell how thick it is.
         settings: what is assumed of it.
-        known: thicknesses of the building's walls [m].
+        known: the building's own walls, of whose thickness it is where that fits.
     """
     face = wall.face
     members = np.sort(np.concatenate([wall.members, *(piece.members for piece in others)]))
@@ -78,23 +79,26 @@ def wall_behind(
     # A single column of points on a slanting end may be anywhere on it.
     measured = any(piece.face.length >= settings.tolerance for piece in others)
     seen = float(depth[depth <= settings.most_thickness].max()) if measured else 0.0
-    thickness = (
-        _fitting(seen, settings, known) if seen >= settings.least_thickness else _unseen(sight, wall, settings, known)
-    )
+    is_seen = seen >= settings.least_thickness
+    thickness = _fitting(seen, settings, known.walls) if is_seen else _unseen(sight, wall, settings, known)
     # A pillar before the wall, say, is none of its length.
     place = (offset @ face.along)[np.abs(depth) <= settings.most_thickness]
     low, high = float(place.min()), float(place.max())
-    before, after = _made_up(high - low, [_continuation(sight, wall, way, settings) for way in (-1.0, 1.0)], settings)
+    ends = [_continuation(sight, wall, way, settings) for way in (-1.0, 1.0)]
+    before, after = _made_up(high - low, ends, settings)
     low, high = low - before, high + after
+    whole = all(one.reach < settings.shown for one in ends)
     center = face.center + face.along * (low + high) / 2 - wall.toward * thickness / 2
-    return Solid("wall", "rectangular", center, np.array([high - low, thickness]), face.along, members)
+    edges = np.array([high - low, thickness])
+    return Solid("wall", "rectangular", center, edges, face.along, members, (whole, is_seen))
 
 
 def wall_end_on(piece: Piece, settings: WallSettings) -> Solid:
     """A wall behind its end, which is all that is seen of it: as thick as that, of the usual length."""
     length, toward = settings.usual_length, piece.toward
     edges = np.array([length, max(piece.face.length, settings.least_thickness)])
-    return Solid("wall", "rectangular", piece.face.center - toward * length / 2, edges, toward, piece.members)
+    center = piece.face.center - toward * length / 2
+    return Solid("wall", "rectangular", center, edges, toward, piece.members, (False, True))
 
 
 def reach(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> float:
@@ -153,13 +157,13 @@ def _fitting(seen: float, settings: WallSettings, known: tuple[float, ...]) -> f
     return near if abs(near - seen) <= settings.fits else seen
 
 
-def _unseen(sight: Sight, wall: Piece, settings: WallSettings, known: tuple[float, ...]) -> float:
+def _unseen(sight: Sight, wall: Piece, settings: WallSettings, known: KnownBuilding) -> float:
     """A thickness [m] of which nothing is seen: the usual one, or a thinner one where one looks through that.
 
-    Usual is the middle one of those known, and no less than elsewhere: all that a prior knows may be a thin shell.
+    It is no less than elsewhere: all that a prior knows may be a thin shell.
     """
-    usual = max(sorted(known)[len(known) // 2] if known else 0.0, settings.thickness)
-    thinner = {one for one in known if settings.least_thickness < one < usual}
+    usual = max(known.usual_wall, settings.thickness)
+    thinner = {one for one in known.walls if settings.least_thickness < one < usual}
     for thickness in sorted(thinner | {usual}, reverse=True):
         if not any(_looked_through(sight, wall, end, thickness, settings) for end in wall.face.ends):
             return thickness

@@ -19,6 +19,7 @@ from jaxmm.building_grid import Uprights, grid_near
 from jaxmm.object_candidates import Candidate, candidates_of
 from jaxmm.object_clues import CLUES, ONTO, Opinions, clues_of
 from jaxmm.object_ends import Look, as_all_rays_show
+from jaxmm.object_familiar import by_size
 from jaxmm.object_finish import Rays
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.object_levels import levels_of
@@ -58,6 +59,7 @@ class Found(NamedTuple):
 
     box: Box  # its probability is that it is real
     members: np.ndarray  # (n,) int of the points that it was fitted to, in order
+    measured: tuple[bool, bool, bool] = (True, True, True)  # of its dimensions, whether they are seen, not assumed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,6 +130,8 @@ def _solids(
     None where the likelier tells nothing of its shape. It is `shown` by thinned points, and by all rays.
     """
     thinned, one = shown
+    if known.columns or known.short_walls:
+        share = by_size(share, one, solid_of(sight.under(one.members), one, False, settings, known), known, settings)
     nothing, pillar, wall = share
     real = 1.0 - nothing
     probability = float(real / (real + settings.rarer * nothing))
@@ -191,7 +195,7 @@ def _rays_to(sight: Sight) -> Rays:
 
 
 def _found(sight: Sight, solid: Solid, settings: ObjectSettings) -> Found:
-    low, high = levels_of(sight.under(solid.members), solid, settings)
+    low, high, upright = levels_of(sight.under(solid.members), solid, settings)
     turn = float(np.degrees(np.arctan2(solid.along[1], solid.along[0])))
     box = Box(
         solid.object_type,
@@ -202,7 +206,7 @@ def _found(sight: Sight, solid: Solid, settings: ObjectSettings) -> Found:
         solid.probability,
         len(solid.members),
     )
-    return Found(box, solid.members)
+    return Found(box, solid.members, (*solid.measured, upright))
 
 
 def _checked(judged: Judged) -> tuple[Sight, Opinions]:

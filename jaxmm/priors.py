@@ -24,6 +24,7 @@ from warp_scanner.triangles import TriangleScene, clearance, prepare
 from warp_scanner.voxels import thin_clouds
 
 VOXEL = 0.1  # [m] to which a cloud is thinned
+SHORT, SLENDER = 1.6, 2.0  # [m], times its thickness: a wall no longer, and no shorter, may pass for a pillar
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
 
 
@@ -120,8 +121,24 @@ def _known(building: Building) -> KnownBuilding:
     thickness = np.round([min(one.size[:2]) for one in walls], 2)
     sections = [(*sorted(np.round(one.size[:2], 2)), is_round(one.triangles.vertices)) for one in columns]
     known = [(a, b, bool(rounded)) for a, b, rounded in _frequent(np.array(sections).reshape(-1, 3))]
-    walls = tuple(_frequent(thickness[(thickness > 0.03) & (thickness < 0.6)]))
-    return KnownBuilding(walls, tuple(known), uprights_of(building.triangles.vertices, building.triangles.faces))
+    is_wall = (thickness > 0.03) & (thickness < 0.6)
+    length = np.array([max(one.size[:2]) for one in walls])
+    is_short = (length <= SHORT) & (length >= SLENDER * thickness)
+    short = np.column_stack([thickness, np.round(length, 2)])[is_short]
+    uprights = uprights_of(building.triangles.vertices, building.triangles.faces)
+    return KnownBuilding(
+        tuple(_frequent(thickness[is_wall])), _usual(thickness[is_wall], length[is_wall]), tuple(known),
+        tuple(map(tuple, _frequent(short))), uprights,
+    )  # fmt: skip
+
+
+def _usual(thickness: np.ndarray, length: np.ndarray) -> float:
+    """The median thickness [m] of walls (n,), each counted by its length: long ones are met more often; 0 of none."""
+    if not len(thickness):
+        return 0.0
+    order = np.argsort(thickness)
+    reached = np.cumsum(length[order])
+    return float(thickness[order][np.searchsorted(reached, reached[-1] / 2)])
 
 
 def _frequent(values: np.ndarray) -> list:

@@ -13,7 +13,14 @@ import numpy as np
 
 from jaxmm.report import Detection, ElementVerdict, Mismatch, Pose, PriorFile, ScanRecord
 from jaxmm.scan_units import UNITS as UNIT_WORDS
-from jaxmm.verdict_words import OBSERVABLE_WORDS, PROBABILITY_OF_MISMATCH, PROBABILITY_WORDS, VERDICT_WORDS
+from jaxmm.verdict_words import (
+    ASSUMED,
+    ASSUMED_WORDS,
+    OBSERVABLE_WORDS,
+    PROBABILITY_OF_MISMATCH,
+    PROBABILITY_WORDS,
+    VERDICT_WORDS,
+)
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
 GAP = "-"  # shown for what is not known
@@ -59,6 +66,12 @@ def escaped(value: Any) -> str:
 def metres(values: Iterable[float]) -> str:
     """Lengths to the centimetre, "1.20, -0.35, 0.00"; a dash for what is not finite."""
     return ", ".join(number(value) for value in values)
+
+
+def sizes(mismatch: Mismatch) -> str:
+    """Its dimensions, those that are assumed behind a tilde."""
+    told = zip(mismatch.dimensions, mismatch.measured, strict=True)
+    return ", ".join(f"{'' if seen else ASSUMED}{number(value)}" for value, seen in told)
 
 
 def number(value: float | None, digits: int = 2) -> str:
@@ -130,7 +143,7 @@ def _mismatches(mismatches: Iterable[Mismatch]) -> list[str]:
         moved = GAP if one.moved_from is None else f"moved here from no. {one.moved_from + 1}"
         rows.append([
             index, one.mismatch_type, f"{one.shape} {one.object_type}" if one.shape == "round" else one.object_type,
-            metres(one.center), metres(one.dimensions), number(one.rotation, 1), percent(one.probability),
+            metres(one.center), escaped(sizes(one)), number(one.rotation, 1), percent(one.probability),
             percent(one.observable_fraction), _identifier(one.element) if one.element else moved,
         ])  # fmt: skip
     if not rows:
@@ -139,7 +152,7 @@ def _mismatches(mismatches: Iterable[Mismatch]) -> list[str]:
         "no.", "change", "type", "centre x, y, z [m]", "size [m]", "rotation [°]", "probability", "observable share",
         "element",
     )  # fmt: skip
-    return ["## Mismatches", "", *_table(columns, rows)]
+    return ["## Mismatches", "", *_table(columns, rows), "", escaped(ASSUMED_WORDS)]
 
 
 def _elements(elements: tuple[ElementVerdict, ...]) -> list[str]:

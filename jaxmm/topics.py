@@ -11,8 +11,9 @@ from typing import NamedTuple
 from jaxmm.boxes import MISMATCH_TYPES, OBJECT_TYPES
 from jaxmm.evidence import FRACTIONS
 from jaxmm.report import Detection, Mismatch
-from jaxmm.report_text import chance
+from jaxmm.report_text import chance, sizes
 from jaxmm.snapshots import Camera, best_scan, camera_at
+from jaxmm.verdict_words import ASSUMED_WORDS
 
 PRIORITIES = (("High", 0.9), ("Normal", 0.7), ("Low", 0.0))  # by the least probability of each
 MOVED = "moved"
@@ -95,6 +96,8 @@ def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project
 
 
 def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
+    if not all(mismatch.measured):
+        yield f"Of its size {sizes(mismatch)} m: {ASSUMED_WORDS}"
     yield f"The probability that this is real is {chance(mismatch.probability)}."
     if mismatch.observable_fraction is not None:
         yield f"Of the object, {mismatch.observable_fraction:.0%} could be observed."

@@ -30,6 +30,8 @@ ROBOT_EVIDENCE_WORDS: dict[str, str] = {
 }
 PROBABILITY_OF_MISMATCH = "The probability of a mismatch is that it is real."
 PROBABILITY_WORDS = f"{PROBABILITY_OF_MISMATCH} That of an element is that it was removed, whatever its verdict."
+ASSUMED = "~"
+ASSUMED_WORDS = f"{ASSUMED} before a size: not seen from end to end, but assumed."
 OBSERVABLE_WORDS = (
     "The observable share of an object is how much of it the scan could tell of, out of all that would be seen of it "
     "if it stood alone in the field of view."

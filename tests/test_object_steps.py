@@ -36,6 +36,37 @@ def test_what_several_scans_see_alike_has_the_clues_of_what_one_sees():
     np.testing.assert_allclose(*(np.sort(one, axis=0) for one in clues), atol=0.06)
 
 
+def test_a_wall_is_one_around_its_window_and_what_stands_below_a_window_alone_is_furniture():
+    below, above = slab((3.0, 0.2), (0.0, 2.0), FLOOR, 0.8), slab((3.0, 0.2), (0.0, 2.0), 2.1, CEILING)
+    sure = says(0.05, 0.05, 0.9)
+    (whole,) = find_objects(judged(below, above), judge=sure)
+    assert whole.box.object_type == "wall" and whole.box.dimensions[2] == pytest.approx(3.0, abs=0.1)
+    assert find_objects(judged(below), judge=sure) == [] and find_objects(judged(above), judge=sure) == []
+    apart = slab((3.6, 0.2), (0.0, 2.0), 2.1, CEILING)  # of another plane
+    assert find_objects(judged(below, apart), judge=sure) == []
+    beside = slab((3.0, 0.2), (2.2, 2.0), 2.1, CEILING)  # not above it
+    assert find_objects(judged(below, beside), judge=sure) == []
+
+
+@pytest.mark.parametrize(
+    "thing, is_wall, measured",
+    [
+        (wall(3.0, 0.0, 1.6, 0.2, 90), True, (True, False, True)),  # its face, whole
+        (wall(3.0, 0.3, 1.6, 0.2, 55), True, (True, True, True)),  # and its end
+        (wall(3.0, 0.0, 9.6, 0.2, 90), True, (False, False, True)),  # leaves the view on both sides
+        (wall(4.0, 0.0, 2.0, 0.2, 0), True, (False, True, True)),  # its end alone
+        (pillar(3.4, 0.0, 0.6), False, (True, False, True)),
+        (pillar(3.0, 0.2, 0.6, 40), False, (True, True, True)),
+        (pillar(3.0, 0.2, 0.6, 0, CYLINDER), False, (True, True, True)),
+        (pillar(1.2, 0.0, 0.4, 45), False, (True, True, False)),  # too near to see its top
+    ],
+)
+def test_what_is_measured_of_a_size_is_told_from_what_is_assumed(thing, is_wall, measured):
+    (found,) = find_objects(judged(thing), judge=says(0.02, 0.02, 0.96) if is_wall else says(0.02, 0.96, 0.02))
+    wide = np.argsort(-found.box.dimensions[:2], kind="stable") if is_wall else (0, 1)
+    assert tuple(found.measured[axis] for axis in (*wide, 2)) == measured
+
+
 def test_an_end_of_a_wall_that_has_more_points_than_the_wall_belongs_to_it():
     rng = np.random.default_rng(0)
 
@@ -185,17 +216,19 @@ def test_rays_that_pass_beside_a_shaft_do_not_show_it_to_end():
     for offsets, low in (((-0.5, 0.5), FLOOR), ((-0.2, 0.2), 2.0)):
         points = np.array(top + [point for offset in offsets for point in past(offset)])
         sight = Sight(points, np.tile([0.0, 0.0, 1.4], (len(points), 1)), FLOOR, CEILING)
-        assert levels_of(sight, shaft, SolidSettings()) == (low, CEILING)
+        assert levels_of(sight, shaft, SolidSettings())[:2] == (low, CEILING)
 
 
 @pytest.mark.parametrize(
-    "known, thickness", [((), 0.15), ((0.1,), 0.15), ((0.3,), 0.3), ((0.1, 0.3), 0.3), ((0.2, 0.25, 0.3), 0.25)]
+    "known, usual, thickness",
+    [((), 0.0, 0.15), ((0.1,), 0.1, 0.15), ((0.3,), 0.3, 0.3), ((0.1, 0.3), 0.3, 0.3), ((0.2, 0.25, 0.3), 0.2, 0.2)],
 )
-def test_a_thickness_that_nothing_shows_is_the_middle_one_of_the_building_if_no_shell(known, thickness):
+def test_a_thickness_that_nothing_shows_is_the_usual_one_of_the_building_if_no_shell(known, usual, thickness):
     """A wall across the whole view, of which only the face shows."""
     seen = judged(wall(3.0, 0.0, 9.6, 0.4, 90))
-    (found,) = find_objects(seen, known=KnownBuilding(walls=known))
+    (found,) = find_objects(seen, known=KnownBuilding(walls=known, usual_wall=usual))
     assert min(found.box.dimensions[:2]) == pytest.approx(thickness, abs=0.01)
+    assert not found.measured[np.argmin(found.box.dimensions[:2])]
 
 
 @pytest.mark.parametrize("x, y, least, most", [(3.2, 0.9, 0.0, 0.2), (2.7, 1.54, 2.9, 3.0)])

@@ -68,7 +68,7 @@ def test_a_wall_lies_behind_its_visible_face(seed):
     yaw, length = rng.uniform(60, 120), rng.uniform(1.6, 3.0)
     truth = Box("wall", np.array([rng.uniform(2.8, 3.5), rng.uniform(-0.3, 0.3), 1.5]), np.array([length, 0.2, 3]), yaw)
     seen = judged(wall(*truth.center[:2], length, 0.2, yaw))
-    found = find_objects(seen, known=KnownBuilding(walls=(0.1, 0.2, 0.2)))
+    found = find_objects(seen, known=KnownBuilding(walls=(0.1, 0.2), usual_wall=0.2))
     box = only(found, "wall")
     assert len(match_boxes([box], [truth])) == 1
     off, turn = plane_distance(box, truth)
@@ -267,7 +267,7 @@ def test_what_stands_half_a_metre_from_a_wall_in_its_line_is_not_of_it_if_one_lo
 
 def test_a_wall_whose_thickness_does_not_show_is_no_thicker_than_one_looks_past_it():
     """Its end is a single column of points, which tells no thickness, but rays pass close behind it."""
-    known = KnownBuilding(walls=(0.1, 0.3, 0.3))
+    known = KnownBuilding(walls=(0.1, 0.3), usual_wall=0.3)
     for real, least, most in ((0.09, 0.0, 0.12), (0.3, 0.2, 0.35)):
         box = only(find_objects(judged(wall(3.0, 0.5, 2.0, real, 40)), known=known), "wall")
         assert least <= min(box.dimensions[:2]) <= most

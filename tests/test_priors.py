@@ -32,6 +32,20 @@ def test_sizes_are_the_buildings_own_however_it_is_turned():
     assert prior.known.columns[0][:2] == pytest.approx((0.3, 0.4)) and prior.has_elements
 
 
+def test_the_usual_thickness_is_that_of_half_the_length_of_the_walls():
+    table = walls_and_columns()
+    for length, usual in ((3.0, 0.2), (9.9, 0.2), (10.1, 0.1)):  # of the thin one; the others are 10 m long
+        table.half_size[0, 2, 0] = length / 2
+        assert prior_of_building(building_of_room(table, 0)[0]).known.usual_wall == pytest.approx(usual)
+    assert prior_of_cloud(np.zeros((5, 3))).known.usual_wall == 0.0
+
+
+def test_walls_that_may_pass_for_pillars_are_short_but_longer_than_thick():
+    table = walls_and_columns()
+    table.half_size[0, :3, 0] = (0.6, 0.15, 0.9)  # 1.2, 0.3 and 1.8 m long
+    assert prior_of_building(building_of_room(table, 0)[0]).known.short_walls == (pytest.approx((0.2, 1.2)),)
+
+
 def test_a_round_column_is_as_wide_as_it_is_deep():
     table = walls_and_columns()
     table.kind[0, 3], table.half_size[0, 3] = CYLINDER, (0.25, 0.25, 1.5)

@@ -26,7 +26,8 @@ from jaxmm.report_files import (
     write_plain,
 )
 from jaxmm.report_text import as_markdown, escaped, percent, printable
-from jaxmm.verdict_words import EVIDENCE_WORDS, OBSERVABLE_WORDS, ROBOT_EVIDENCE_WORDS, VERDICT_WORDS
+from jaxmm.topics import topics_of
+from jaxmm.verdict_words import ASSUMED_WORDS, EVIDENCE_WORDS, OBSERVABLE_WORDS, ROBOT_EVIDENCE_WORDS, VERDICT_WORDS
 from jaxmm.verdicts import VERDICTS
 
 GRID = np.array([192_340.125, 444_123.375, 12.5])  # [m] a place on a national grid
@@ -122,6 +123,16 @@ def test_the_csv_of_mismatches_says_all(removed):
         np.testing.assert_allclose([*center, *size], [*one.center, *one.dimensions], atol=1e-6)
         assert (row["number"], row["element"], row["mismatch_type"]) == (str(index), one.element, "removed")
         assert float(row["observable_fraction"]) == pytest.approx(one.observable_fraction, abs=1e-6)
+        assert row["measured"] == "yes yes yes"
+
+
+def test_a_size_that_is_assumed_is_marked_in_every_report(added):
+    one = added.mismatches[0]._replace(dimensions=np.array([2.0, 0.15, 2.5]), measured=(True, False, True))
+    told = added._replace(mismatches=(one,))
+    assert rows_of(mismatches_csv([one]))[0]["measured"] == "yes no yes"
+    assert "2.00, \\~0.15, 2.50" in as_markdown(told) and ASSUMED_WORDS[1:] in as_markdown(told)
+    assert "2.00, ~0.15, 2.50" in detection_html(told)
+    assert any("2.00, ~0.15, 2.50 m: ~ before" in topic.description for topic in topics_of(told, "house"))
 
 
 def test_a_moved_object_names_the_number_that_it_was():

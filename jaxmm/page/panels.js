@@ -25,7 +25,8 @@ function mismatchPairs(index, actions) {
   return pairs([
     ["probability", `${chance(one.probability)} that it is real`],
     ["centre", metres(one.center)],
-    ["size", metres(one.dimensions)],
+    ["size", sizes(one)],
+    ["", one.measured.every(Boolean) ? null : data.words.assumed],
     ["turned", one.rotation ? `${one.rotation.toFixed(1)}°` : null],
     ["footprint", one.object_type === "pillar" ? one.shape : null],
     ["observable", one.observable_fraction === null ? null : `${Math.round(100 * one.observable_fraction)} %`],

@@ -14,6 +14,9 @@ function make(tag, { click = null, ...attributes } = {}, ...children) {
 const byId = (id) => document.getElementById(id);
 const count = (value) => value.toLocaleString("en-US");
 const plural = (value, word) => `${count(value)} ${word}${value === 1 ? "" : "s"}`;
+/** The dimensions of a mismatch, those that are assumed behind a tilde. */
+const sizes = (one) =>
+  `${one.dimensions.map((size, axis) => `${one.measured[axis] ? "" : "~"}${size.toFixed(2)}`).join("  ")} m`;
 const metres = (values) => `${values.map((value) => value.toFixed(2)).join("  ")} m`;
 const capital = (word) => word.charAt(0).toUpperCase() + word.slice(1);
 

@@ -1,0 +1,72 @@
+"""Sizes that a building has already tell columns from short walls, and nothing of whether a thing is real."""
+
+import numpy as np
+import pytest
+from known_rooms import judged, pillar, says, wall
+
+from jaxmm.object_ends import as_all_rays_show
+from jaxmm.object_familiar import by_size
+from jaxmm.object_solids import solid_of
+from jaxmm.object_walls import KnownBuilding
+from jaxmm.objects import ObjectSettings, examine, find_objects
+from warp_scanner.scenes import CYLINDER
+
+UNSURE = says(0.02, 0.03, 0.95)
+COLUMNS = KnownBuilding(columns=((0.3, 0.3, False),))
+
+
+def moved(seen, share, known):
+    """What sizes make of the judge's probabilities of the largest candidate."""
+    settings = ObjectSettings()
+    sight, looks, candidates, _ = examine(seen, settings)
+    one = as_all_rays_show(sight, looks, candidates[0], settings.tolerance)
+    return by_size(np.array(share), one, solid_of(sight, one, False, settings, known), known, settings)
+
+
+def told(seen, known, judge=UNSURE):
+    (found,) = find_objects(seen, known=known, judge=judge)
+    return found.box
+
+
+@pytest.mark.parametrize("yaw", [0.0, 20.0, 45.0])
+def test_what_is_as_slender_as_a_column_of_the_building_is_one(yaw):
+    seen = judged(pillar(2.5, 0.2, 0.3, yaw))
+    assert told(seen, KnownBuilding()).object_type == "wall"
+    assert told(seen, COLUMNS).object_type == "pillar"
+    assert told(seen, KnownBuilding(columns=((0.6, 0.6, False),))).object_type == "wall"
+
+
+def test_a_round_one_is_a_round_column_only_if_it_is_as_thick():
+    seen = judged(pillar(2.5, 0.2, 0.4, kind=CYLINDER))
+    for width, kind in ((0.4, "pillar"), (0.8, "wall")):
+        assert told(seen, KnownBuilding(columns=((width, width, True),))).object_type == kind
+
+
+def test_two_faces_as_those_of_a_short_wall_are_one():
+    seen = judged(wall(2.8, 0.2, 1.2, 0.4, 55))
+    sure = says(0.02, 0.95, 0.03)
+    assert told(seen, KnownBuilding(), sure).object_type == "pillar"
+    assert told(seen, KnownBuilding(short_walls=((0.4, 1.2),)), sure).object_type == "wall"
+    both = KnownBuilding(columns=((0.4, 1.2, False),), short_walls=((0.4, 1.2),))
+    assert told(seen, both, sure).object_type == "pillar"
+
+
+def test_one_wide_face_moves_the_odds_less_than_two_or_a_slender_one():
+    settings = ObjectSettings()
+    face = moved(judged(pillar(3.0, 0.0, 0.8)), [0.1, 0.45, 0.45], KnownBuilding(columns=((0.8, 0.8, False),)))
+    slender = moved(judged(pillar(3.0, 0.0, 0.3)), [0.1, 0.45, 0.45], COLUMNS)
+    assert face[1] / face[2] == pytest.approx(settings.familiar_face)
+    assert slender[1] / slender[2] == pytest.approx(settings.familiar)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_whether_it_is_real_stays_as_the_judge_has_it(seed):
+    rng = np.random.default_rng(seed)
+    share = rng.dirichlet(np.ones(3))
+    known = KnownBuilding(
+        columns=tuple((w, w, bool(rng.random() < 0.3)) for w in rng.uniform(0.2, 0.9, 3)),
+        short_walls=((0.2, float(rng.uniform(0.4, 1.5))),),
+    )
+    seen = judged(pillar(rng.uniform(2, 4), rng.uniform(-0.8, 0.8), rng.uniform(0.25, 1.0), rng.uniform(0, 90)))
+    found = moved(seen, share, known)
+    assert found[0] == share[0] and found.sum() == pytest.approx(1.0) and (found >= 0.0).all()
