@@ -11,7 +11,7 @@ import numpy as np
 from jaxmm.object_pieces import Piece, is_hidden
 from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Sight
-from jaxmm.object_walls import WallSettings, reach
+from jaxmm.object_walls import WallSettings, is_back, reach
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +58,7 @@ def candidates_of(sight: Sight, pieces: list[Piece], settings: CandidateSettings
     walls: list[list[Piece]] = []
     loose: list[Piece] = []
     for piece in faces:
-        parts = next((group for group in walls if _is_side(group[0], piece, settings)), None)
+        parts = next((group for group in walls if _is_of_wall(group[0], piece, settings)), None)
         if parts is not None:
             parts.append(piece)
         elif piece.face.length >= settings.wall_length:
@@ -68,14 +68,18 @@ def candidates_of(sight: Sight, pieces: list[Piece], settings: CandidateSettings
     # A short end may come before its wall, where it has more points.
     waiting, loose = loose, []
     for piece in waiting:
-        parts = next((group for group in walls if _is_side(group[0], piece, settings)), loose)
+        parts = next((group for group in walls if _is_of_wall(group[0], piece, settings)), loose)
         parts.append(piece)
     groups = _with_far_ends(sight, walls + _grouped(loose, settings) + shafts, settings)
     return [Candidate(tuple(one), np.sort(np.concatenate([piece.members for piece in one]))) for one in groups]
 
 
+def _is_of_wall(wall: Piece, piece: Piece, settings: CandidateSettings) -> bool:
+    return _is_side(wall, piece, settings) or is_back(wall, piece, settings)
+
+
 def _is_side(wall: Piece, piece: Piece, settings: CandidateSettings) -> bool:
-    """Whether a face is an end of a wall, or its other face: within the thickness that walls may have."""
+    """Whether a face is an end of a wall, or of its other face: within the thickness that walls may have."""
     offset = piece.face.ends - wall.face.center
     across, along = np.abs(offset @ wall.face.across), np.abs(offset @ wall.face.along)
     beyond = wall.face.length / 2 + settings.corner

@@ -71,7 +71,7 @@ def pieces_of(sight: Sight, chosen: np.ndarray, loose: np.ndarray, settings: Pie
     pieces: list[Piece] = []
     for number, members in enumerate(_clusters(sight, chosen, settings)):
         places = sight.points[members, :2]
-        faces = faces_of(places, settings.tolerance, settings.run_gap, settings.least_points)
+        faces = _faces(places, sight.origin[members], settings)
         circle = _round(places, faces, settings)
         shapes = [(members[circle.on], None, circle)] if circle is not None else []
         if circle is None:
@@ -122,6 +122,17 @@ def _clusters(sight: Sight, chosen: np.ndarray, settings: PieceSettings) -> list
     label = DBSCAN(eps=settings.link, min_samples=settings.neighbours).fit_predict(places[order])
     clusters = [np.sort(chosen[order[label == number]]) for number in range(label.max() + 1)]
     return [members for members in clusters if len(members) >= settings.least_points]
+
+
+def _faces(places: np.ndarray, origin: np.ndarray, settings: PieceSettings) -> list[Face]:
+    """Faces among places (n, 2), of each scan alone: a line between both sides of a thin wall is of neither."""
+    scans, number = np.unique(origin, axis=0, return_inverse=True)
+    found = []
+    for scan in range(len(scans)):
+        own = np.flatnonzero(number.reshape(-1) == scan)
+        faces = faces_of(places[own], settings.tolerance, settings.run_gap, settings.least_points)
+        found += [face._replace(members=own[face.members]) for face in faces]
+    return sorted(found, key=lambda face: -len(face.members)) if len(scans) > 1 else found
 
 
 def _grown(sight: Sight, piece: Piece, loose: np.ndarray, settings: PieceSettings) -> tuple[Piece, np.ndarray]:

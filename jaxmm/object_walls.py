@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxmm.building_grid import Uprights
 from jaxmm.object_pieces import Piece, PieceSettings
+from jaxmm.object_shapes import Face
 from jaxmm.object_sight import Crossings, Sight, crossings, crossings_along, upright_patch
 
 
@@ -84,13 +85,24 @@ def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSe
     # A pillar before the wall, say, is none of its length.
     place = (offset @ face.along)[np.abs(depth) <= settings.most_thickness]
     low, high = float(place.min()), float(place.max())
-    ends = [_continuation(sight, wall, way, settings) for way in (-1.0, 1.0)]
+    sides = [wall, *(piece for piece in others if is_back(wall, piece, settings))]
+    ends = [_continuation(sight, *_farthest(sides, face, way), settings) for way in (-1.0, 1.0)]
     before, after = _made_up(high - low, ends, settings)
     low, high = low - before, high + after
     whole = all(one.reach < settings.shown for one in ends)
     center = face.center + face.along * (low + high) / 2 - wall.toward * thickness / 2
     edges = np.array([high - low, thickness])
     return Solid("wall", "rectangular", center, edges, face.along, members, (whole, is_seen))
+
+
+def is_back(wall: Piece, piece: Piece, settings: WallSettings) -> bool:
+    """Whether a face, seen by another scan, is at the back of a wall's: each may reach beyond the other."""
+    if piece.face is None or wall.toward @ piece.toward > -np.cos(np.radians(settings.turn)):
+        return False
+    ends = piece.face.ends - wall.face.center
+    depth, place = -(ends @ wall.toward), ends @ wall.face.along
+    overlaps = place.min() < wall.face.length / 2 and place.max() > -wall.face.length / 2
+    return bool(overlaps and depth.min() >= settings.least_thickness and depth.max() <= settings.most_thickness)
 
 
 def wall_end_on(piece: Piece, settings: WallSettings) -> Solid:
@@ -120,6 +132,13 @@ def _continuation(sight: Sight, piece: Piece, way: float, settings: WallSettings
     if ended is None:
         return Continuation(np.inf, False)
     return Continuation(ended * STEP, all(one.total for one in found[:ended]))
+
+
+def _farthest(sides: list[Piece], face: Face, way: float) -> tuple[Piece, float]:
+    """Of the sides of a wall the one that reaches farthest along its face (`way` -1 or 1), and which end of it does."""
+    ends = [(way * (_end(side, one) - face.center) @ face.along, side, one) for side in sides for one in (-1.0, 1.0)]
+    _, side, one = max(ends, key=lambda end: end[0])
+    return side, one
 
 
 def _steps_beyond(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> list[Crossings]:

@@ -77,6 +77,22 @@ def test_a_wall_lies_behind_its_visible_face(seed):
     assert max(box.dimensions[:2]) == pytest.approx(length, abs=0.15)
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_wall_seen_from_both_sides_is_one_from_end_to_end(seed):
+    """One camera sees one end of it, the other, from behind, the other end: both faces of a thin wall are near."""
+    rng = np.random.default_rng(seed)
+    length, thickness = rng.uniform(2.8, 3.8), rng.uniform(0.1, 0.3)
+    before, after = (
+        (-2.0, -length / 3, SENSOR[2], rng.uniform(-5, 5)),
+        (2.0, length / 3, SENSOR[2], rng.uniform(175, 185)),
+    )
+    seen = judged(wall(0.0, 0.0, length, thickness, 90.0), poses=(before, after))
+    (found,) = find_objects(seen)
+    assert found.box.object_type == "wall" and found.measured[:2] == (True, True)
+    np.testing.assert_allclose(found.box.center[:2], [0.0, 0.0], atol=0.06)
+    np.testing.assert_allclose(sorted(found.box.dimensions[:2]), [thickness, length], atol=0.1)
+
+
 def test_walls_that_meet_are_two_and_a_wall_behind_a_pillar_is_one():
     corner = wall(3.5, 0.0, 3.0, 0.2, 90), wall(2.4, -1.0, 2.0, 0.2, 0)
     found = find_objects(judged(*corner))
