@@ -19,12 +19,14 @@ from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_HIDDEN, COLOR_REMOVED, GREEN
 from jaxmm.plan_cut import cut_surfaces
 from jaxmm.plan_levels import CUT, Level, footprint, level_of_mismatches, levels_of, region_of
 from jaxmm.report import Detection, Mismatch, Pose
-from jaxmm.report_text import number, percent
+from jaxmm.report_text import percent, told_size
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
 SLICE = 0.3  # [m] to both sides of the cut: points within it are drawn
 MOST_LEVELS, MOST_LISTED = 4, 14
 LEFT, PLAN_WIDTH, LEGEND_WIDTH, ROOM_FOR_LABELS = 0.75, 7.5, 4.2, 1.0  # [inch]
+NAME_AT = (0.0, -22.0)  # [pt] from a sensor to the middle of its name
+APART = 24.0  # [pt] between the middles of numbers and names
 FAR_ORIGIN = 1e4  # [m] beyond this, axes count from the origin: labels of seven digits cannot be read
 
 
@@ -90,10 +92,12 @@ def _draw_level(axes: Axes, detection: Detection, level: Level, limits: tuple, s
     entries += _draw_next_views(axes, detection, level, base)
     entries += _draw_sensors(axes, detection, level, base)
     sensors = np.array([detection.scans[n].pose[:2] for n in level.scans]).reshape(-1, 2) - base[:2]
-    for index, one in shown:
-        _draw_mismatch(axes, index, one, base, sensors)
     low, high = limits
     axes.set(xlim=(low[0] + shift[0], high[0] + shift[0]), ylim=(low[1] + shift[1], high[1] + shift[1]), aspect="equal")
+    axes.apply_aspect()
+    taken = [_on_paper(axes, place) + NAME_AT for place in sensors]
+    for index, one in shown:
+        _draw_mismatch(axes, index, one, base, sensors, taken)
     for name, value in zip("xy", base, strict=False):
         axes.set(**{f"{name}label": f"{name} [m]" if not value else f"{name} - {value:.0f} [m]"})
     height = level.floor + CUT + drawing.origin[2]
@@ -161,7 +165,7 @@ def _draw_sensors(axes: Axes, detection: Detection, level: Level, base: np.ndarr
             axes.add_patch(Wedge((x, y), _reach(detection, n), *ends, zorder=0, **look))
             entries.append(Patch(label="field of view", **look | {"alpha": 0.12}))
         _mark_pose(axes, (x, y), yaw, BLACK)
-        axes.annotate(f"scan {n + 1}", (x, y), (0, -16), textcoords="offset points", ha="center", va="top", zorder=8)
+        axes.annotate(f"scan {n + 1}", (x, y), NAME_AT, textcoords="offset points", ha="center", va="center", zorder=8)
         entries.append(
             Line2D([], [], color=BLACK, marker="o", markersize=8, linestyle="", label="sensor and its heading")
         )
@@ -192,8 +196,13 @@ def _mark_pose(axes: Axes, place: tuple[float, float], yaw: float, color: str, f
     axes.plot(*place, "o", color=color, markerfacecolor=face or color, markersize=8, zorder=7)
 
 
-def _draw_mismatch(axes: Axes, index: int, one: Mismatch, base: np.ndarray, sensors: np.ndarray) -> None:
-    """One box, its number on the side away from the nearest of the sensors (S, 2), whose names stand there."""
+def _draw_mismatch(
+    axes: Axes, index: int, one: Mismatch, base: np.ndarray, sensors: np.ndarray, taken: list[np.ndarray]
+) -> None:
+    """One box; its number is on the side away from the nearest of the sensors (S, 2), or elsewhere if that is taken.
+
+    `taken` are places of names and numbers [pt] on paper; that of this one is put to them.
+    """
     corners = footprint(one, base)
     if not np.isfinite(corners).all():
         return
@@ -208,7 +217,26 @@ def _draw_mismatch(axes: Axes, index: int, one: Mismatch, base: np.ndarray, sens
     middle = corners.mean(axis=0)
     away = middle - min(sensors, key=lambda place: np.linalg.norm(place - middle), default=middle)
     words = {"ha": "center", "va": "center", "fontweight": "bold", "bbox": note, "arrowprops": lead, "zorder": 9}
-    axes.annotate(str(index), middle, np.where(away < 0.0, -24, 24), textcoords="offset points", **words)
+    offset = _free_offset(_on_paper(axes, middle), np.where(away < 0.0, -1.0, 1.0), taken)
+    axes.annotate(str(index), middle, offset, textcoords="offset points", **words)
+
+
+def _on_paper(axes: Axes, place: np.ndarray) -> np.ndarray:
+    """(2,) [pt] of a place on the plan."""
+    return axes.transData.transform(place) * 72.0 / axes.figure.dpi
+
+
+def _free_offset(place: np.ndarray, wanted: np.ndarray, taken: list[np.ndarray]) -> np.ndarray:
+    """From a place (2,) [pt] to where a number has room, the way that is wanted if it may be; it is then taken."""
+    turns = np.radians([0, 45, -45, 90, -90, 135, -135, 180])
+    first = np.arctan2(wanted[1], wanted[0])
+    ways = [
+        reach * np.array([np.cos(first + turn), np.sin(first + turn)]) for reach in (34.0, 56.0, 78.0) for turn in turns
+    ]
+    free = (way for way in ways if all(np.linalg.norm(place + way - other) >= APART for other in taken))
+    offset = next(free, ways[0])
+    taken.append(place + offset)
+    return offset
 
 
 def _outlined(patch: Patch, one: Mismatch) -> Patch:
@@ -219,7 +247,7 @@ def _outlined(patch: Patch, one: Mismatch) -> Patch:
 def _mismatch_entries(mismatches: tuple[Mismatch, ...]) -> list[Patch]:
     entries = []
     for index, one in enumerate(mismatches[:MOST_LISTED], 1):
-        size = " x ".join(number(edge) for edge in one.dimensions[:2])
+        size = " x ".join(told_size(edge, seen) for edge, seen in zip(one.dimensions[:2], one.measured, strict=False))
         label = f"{index}: {one.object_type} {one.mismatch_type}, {size} m, {percent(one.probability)}"
         entries.append(_outlined(Patch(label=label), one))
     if len(mismatches) > MOST_LISTED:

@@ -70,8 +70,12 @@ def metres(values: Iterable[float]) -> str:
 
 def sizes(mismatch: Mismatch) -> str:
     """Its dimensions, those that are assumed behind a tilde."""
-    told = zip(mismatch.dimensions, mismatch.measured, strict=True)
-    return ", ".join(f"{'' if seen else ASSUMED}{number(value)}" for value, seen in told)
+    return ", ".join(told_size(*one) for one in zip(mismatch.dimensions, mismatch.measured, strict=True))
+
+
+def told_size(value: float, seen: bool) -> str:
+    """One of them."""
+    return f"{'' if seen else ASSUMED}{number(value)}"
 
 
 def number(value: float | None, digits: int = 2) -> str:

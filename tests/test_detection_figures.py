@@ -288,6 +288,19 @@ def test_a_number_in_the_plan_stands_away_from_the_sensor(sparse):
         np.testing.assert_array_equal(np.sign(number.xyann), way)
 
 
+def test_numbers_in_the_plan_do_not_cover_each_other_nor_the_sensor(sparse):
+    one, (x, y, *_) = sparse.mismatches[0], sparse.scans[0].pose
+    near = [one._replace(center=np.add(one.center, [0.1 * step, 0.05 * step, 0.0])) for step in range(6)]
+    near.append(one._replace(center=np.array([x + 0.2, y - 0.3, one.center[2]])))
+    figure = draw_plan(sparse._replace(mismatches=tuple(near)))
+    figure.canvas.draw()
+    words = [text for text in figure.axes[0].texts if text.get_text()]
+    boxes = [text.get_window_extent() for text in words]
+    assert {text.get_text() for text in words} >= {"1", "7", "scan 1"}
+    for number, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[number + 1 :])
+
+
 def test_a_number_in_a_panorama_stands_on_its_box_behind_the_sensor_too(sparse, tmp_path):
     x, y, z, _, _ = sparse.scans[0].pose
     one = next(one for one in sparse.mismatches if one.object_type == "pillar")
