@@ -56,11 +56,15 @@ def main(folder: Path, out: Path, pairs: int, condition: str, model: Path, seed:
     out.mkdir(parents=True, exist_ok=True)
     judges = read_judges(model)
     for path in sorted(folder.rglob("*.ifc")):
-        kept = out / f"{path.stem}_{condition}.json"
+        kept = _kept(out, path.stem, condition, seed)
         if not kept.exists():
             write_json(kept, _file(path, judges, pairs, condition, seed))
         print(path.stem, flush=True)
-    print(table(out, condition))
+    print(table(out, condition, seed))
+
+
+def _kept(out: Path, stem: str, condition: str, seed: int) -> Path:
+    return out / f"{stem}_{condition}_{seed}.json"
 
 
 def _file(path: Path, judges: Judges, count: int, condition: str, seed: int) -> dict[str, Any]:
@@ -126,7 +130,7 @@ def _held(found: list[Mismatch], pairs: Pairs, scan: PosedScan, origin: np.ndarr
     held, right = np.zeros(len(shows), bool), 0
     for one in found:
         here = inside(one, scan.points, origin)
-        if (here & shows).sum() > HELD * (here & new).sum():
+        if 2 * (here & shows).sum() > (here & new).sum():
             held |= here & shows
             right += 1
     return int(held.sum() >= HELD * max(shows.sum(), 1)), right
@@ -171,7 +175,7 @@ def _command(prior: Prior, path: Path, scan: PosedScan) -> dict[str, float]:
     return seconds
 
 
-def table(out: Path, condition: str) -> str:
+def table(out: Path, condition: str, seed: int) -> str:
     """All files, as Markdown: what was taken out or put in, and what the model lacks."""
     lines = []
     for changes in (SCENARIOS, MISSING):
@@ -180,9 +184,9 @@ def table(out: Path, condition: str) -> str:
         names = ["file", "views", "refused", "shown well", "of those right", "shown less", "of those right",
                  "false mismatches", *(seconds if timed else ())]  # fmt: skip
         lines += [f"| {' | '.join(names)} |", f"|{' --- |' * len(names)}"]
-        for path in sorted(out.glob(f"*_{condition}.json")):
+        for path in sorted(_kept(out, "*", condition, seed).parent.glob(_kept(out, "*", condition, seed).name)):
             told = load_json(path)
-            cells = [path.stem.removesuffix(f"_{condition}"), *_counts(told["views"], changes)]
+            cells = [path.stem.removesuffix(f"_{condition}_{seed}"), *_counts(told["views"], changes)]
             if timed:
                 taken = [told["seconds"].get(name, float("nan")) for name in ("warm", "command, cold", "command")]
                 cells += [f"{told['loading']:.1f}", f"{taken[0]:.2f}", *(f"{one:.1f}" for one in taken[1:])]

@@ -143,6 +143,12 @@ def fit_boxes(
     return [box for box in boxes if is_valid(box, settings)]
 
 
+def long_axis(dimensions: np.ndarray, rotation: float) -> np.ndarray:
+    """(2,) unit vector in plan along the longer edge of a box of some dimensions [m], turned by a rotation [deg]."""
+    turn = np.radians(rotation + (0.0 if dimensions[0] >= dimensions[1] else 90.0))
+    return np.array([np.cos(turn), np.sin(turn)])
+
+
 def sentence(box: Box, mismatch_type: str) -> str:
     """One mismatch in words, as the thesis prints it: metres, two decimals, world frame."""
     if mismatch_type not in MISMATCH_TYPES:

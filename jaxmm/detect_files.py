@@ -37,7 +37,9 @@ from warp_scanner.voxels import thin_clouds
 EVIDENCE = "evidence"
 ESTIMATED_FROM = 0.1  # [m] voxels of the cloud that a viewpoint is estimated from
 FRAMES = ("world", "sensor")
-ESTIMABLE = "it can be only of a camera, here of one that sees {:g} x {:g} degrees (--sensor), not of what looks around"
+ESTIMABLE = (
+    "only a camera's can be, here of one that sees {:g} x {:g} degrees (--sensor); no scanner's that looks around"
+)
 
 # Notebooks ask the object itself; the type stays free of what draws.
 Detection._repr_html_ = detection_html

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.boxes import Box
+from jaxmm.boxes import Box, long_axis
 from jaxmm.scan_rays import ScanRays
 from warp_scanner.scan import Rays, cast_rays
 from warp_scanner.scenes import BOX, CYLINDER, Primitives
@@ -16,6 +16,7 @@ from warp_scanner.triangles import TriangleScene, cast_triangles
 APART = 0.1  # [m] ranges must differ by more for a ray to tell
 OFF = 0.25  # [m] a fitted box may be off by
 ENDS = 0.15  # [m] of its height next to its lower and its upper end
+BESIDE = 0.06  # [m] along a face, thinned to 0.1 m: so near to a place where it is seen it is seen, too
 CORE = 0.6  # of a box's edges: rays through this much of it cannot have grazed it by a misfit
 
 
@@ -25,7 +26,7 @@ class Alone(NamedTuple):
     would_meet: int
     tell: int  # of those, that show that it is new, or gone
     deny: int  # of those, that show the contrary
-    through: int = 0  # of these, that pass where its face is seen on either side: a wall has openings
+    through: int = 0  # of these, that pass below or above what is seen of its face: a wall has openings
 
 
 def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
@@ -38,14 +39,15 @@ def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
     return Alone(int(meets.sum()), int((back & (apart > APART)).sum()), int((np.abs(apart) <= APART).sum()))
 
 
-def of_box(box: Box, expected: np.ndarray, rays: ScanRays, face: tuple[float, float] = (0.0, 0.0)) -> Alone:
+def of_box(box: Box, expected: np.ndarray, rays: ScanRays, face: np.ndarray | None = None) -> Alone:
     """A new object: rays that end on it before the prior tell, rays through its core deny.
 
     Args:
         box: where it stands.
         expected: (P,) [m] what the rays should have met without it.
         rays: of the scan.
-        face: [m] from where to where it is seen, along its longer edge, counted from its centre.
+        face: (n,) ascending places [m] where it is seen, along its longer edge, counted from its centre; None: a ray
+            that passes is never one through an opening.
     """
     reach = _reach(box, 1.0, rays)
     meets = np.isfinite(reach) & (reach <= rays.limit)
@@ -54,10 +56,13 @@ def of_box(box: Box, expected: np.ndarray, rays: ScanRays, face: tuple[float, fl
     core = _reach(box, CORE, rays)
     with np.errstate(invalid="ignore"):
         beyond = np.isfinite(core) & np.isfinite(rays.distance) & (rays.distance > core + OFF + max(box.dimensions[:2]))
-    turn = np.radians(box.rotation + (0.0 if box.dimensions[0] >= box.dimensions[1] else 90.0))
-    at_core = rays.position + rays.direction[beyond] * core[beyond, None].astype(np.float64)
-    place = (at_core - np.asarray(box.center))[:, :2] @ [np.cos(turn), np.sin(turn)]
-    through = int(np.sum((place > face[0]) & (place < face[1])))
+    through = 0
+    if face is not None and len(face):
+        at_core = rays.position + rays.direction[beyond] * core[beyond, None].astype(np.float64)
+        place = (at_core - np.asarray(box.center))[:, :2] @ long_axis(box.dimensions, box.rotation)
+        after = np.searchsorted(face, place)
+        near = np.minimum(place - face[np.maximum(after - 1, 0)], face[np.minimum(after, len(face) - 1)] - place)
+        through = int(np.sum(np.abs(near) <= BESIDE))
     return Alone(int(meets.sum()), int((on_it & before).sum()), int(beyond.sum()), through)
 
 

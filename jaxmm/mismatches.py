@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmm import hindsight
 from jaxmm.box_match import footprint, match_boxes
-from jaxmm.boxes import Box, fit_boxes
+from jaxmm.boxes import Box, fit_boxes, long_axis
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.hindsight import Alone
 from jaxmm.judging import Side
@@ -33,7 +33,7 @@ KINDS = {WALL: "wall", PILLAR: "pillar"}
 LEAST_NEW = 0.5  # share of an added object's points that must be farther
 LEAST_MET = 8  # rays that tell of an object, below which it is a guess
 MOST_DENIED = 0.03  # share of the rays that tell anything, which may look through an object's core
-MOST_OPEN = 0.3  # and that may pass through a wall's openings
+MOST_OPEN = 0.3  # and that may pass through its openings, if it is a wall, below or above what is seen of it
 STOREY = 1.5  # [m] between floors of two storeys, at least
 LEAST_LOWER = 0.05  # [m] by which a roof is lower than the ceiling that a thing is made up to
 OFF_PLACE, MOST_TURNED = 1.2, 0.1  # [m] and sine of the angle, by which a wall may be built off its place
@@ -146,7 +146,7 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
         return _below_roof(prior, one.box, float(judged.points[one.members, 2].max())) if change == "added" else one.box
 
     def allows(one: Found) -> bool:
-        """Whether it is likely, new, and the rays meet it and hardly pass through it."""
+        """Whether it is likely, new, and the rays meet it and hardly pass through it but for a wall's openings."""
         if one.box.probability < settings.least_probability:
             return False
         box = box_of(one)
@@ -206,16 +206,14 @@ def judged_side(looked: list[Looked], change: str) -> Judged:
     )  # fmt: skip
 
 
-def _face(box: Box, points: np.ndarray) -> tuple[float, float]:
-    """From where to where [m] along a wall it is seen, counted from its centre; nowhere of a pillar, which is whole."""
+def _face(box: Box, points: np.ndarray) -> np.ndarray | None:
+    """Where along a wall its points (n, 3) are, as `of_box` wants it; None of a pillar, which has no openings."""
     if box.object_type != "wall":
-        return (0.0, 0.0)
-    turn = np.radians(box.rotation + (0.0 if box.dimensions[0] >= box.dimensions[1] else 90.0))
-    place = (points - box.center)[:, :2] @ [np.cos(turn), np.sin(turn)]
-    return (float(place.min()), float(place.max()))
+        return None
+    return np.sort((points - box.center)[:, :2] @ long_axis(box.dimensions, box.rotation))
 
 
-def _alone(box: Box, change: str, looked: list[Looked], face: tuple[float, float] = (0.0, 0.0)) -> list[Alone]:
+def _alone(box: Box, change: str, looked: list[Looked], face: np.ndarray | None = None) -> list[Alone]:
     if change == "removed":
         return [hindsight.of_gone_box(box, one.rays) for one in looked]
     return [hindsight.of_box(box, one.expected, one.rays, face) for one in looked]
@@ -235,11 +233,11 @@ def _is_off_its_place(new: Mismatch, gone: Mismatch) -> bool:
     """Whether a new wall may be one that is gone: along it, beside it, and higher than furniture."""
     if new.object_type != "wall" or gone.object_type != "wall" or new.dimensions[2] < FURNITURE:
         return False
-    ways = np.radians([one.rotation + (0.0 if one.dimensions[0] >= one.dimensions[1] else 90.0) for one in (new, gone)])
-    along, offset = np.array([np.cos(ways[1]), np.sin(ways[1])]), (new.center - gone.center)[:2]
-    beside = abs(float(offset @ [-along[1], along[0]]))
+    along, offset = long_axis(gone.dimensions, gone.rotation), (new.center - gone.center)[:2]
+    across = np.array([-along[1], along[0]])
+    beside = abs(float(offset @ across))
     overlap = float(np.mean([max(one.dimensions[:2]) for one in (new, gone)])) - abs(float(offset @ along))
-    turned = abs(float(np.sin(ways[0] - ways[1])))
+    turned = abs(float(long_axis(new.dimensions, new.rotation) @ across))
     return bool(turned <= MOST_TURNED and beside <= OFF_PLACE and overlap >= max(new.dimensions[:2]) / 2)
 
 

@@ -79,7 +79,7 @@ def _is_of_wall(wall: Piece, piece: Piece, settings: CandidateSettings) -> bool:
 
 
 def _is_side(wall: Piece, piece: Piece, settings: CandidateSettings) -> bool:
-    """Whether a face is an end of a wall, or of its other face: within the thickness that walls may have."""
+    """Whether a face is an end of a wall, or its other face: within its length, and the thickness of walls."""
     offset = piece.face.ends - wall.face.center
     across, along = np.abs(offset @ wall.face.across), np.abs(offset @ wall.face.along)
     beyond = wall.face.length / 2 + settings.corner
@@ -126,14 +126,18 @@ def _is_far_end(sight: Sight, wall: Piece, group: list[Piece], settings: Candida
 
 
 def _grouped(pieces: list[Piece], settings: CandidateSettings) -> list[list[Piece]]:
-    """Faces that meet at corners, together; most points first."""
+    """Faces that meet at corners, or are at each other's back, together; most points first."""
     groups: list[list[Piece]] = []
     for piece in pieces:
-        meeting = [any(_apart(piece, other) <= settings.corner for other in group) for group in groups]
+        meeting = [any(_belong(piece, other, settings) for other in group) for group in groups]
         merged = [piece, *(one for group, meets in zip(groups, meeting, strict=True) if meets for one in group)]
         groups = [group for group, meets in zip(groups, meeting, strict=True) if not meets]
         groups.append(sorted(merged, key=lambda one: -len(one.members)))
     return groups
+
+
+def _belong(a: Piece, b: Piece, settings: CandidateSettings) -> bool:
+    return _apart(a, b) <= settings.corner or is_back(a, b, settings)
 
 
 def _apart(a: Piece, b: Piece) -> float:

@@ -114,7 +114,9 @@ def clues_of(
         | _of_heights(sight, candidate, settings)
         | _of_place(sight, candidate, flat)
     )
-    told["off_grid"] = _off(first.face.along, grid) if first.face is not None else UNKNOWN
+    told["off_grid"] = UNKNOWN
+    if first.face is not None and grid is not None:
+        told["off_grid"] = off_grid(first.face.along, grid)
     width = told["span"] if first.face is not None else told["length"]
     told["filled"] = np.exp(told["points"]) / (100.0 * (width + 0.1) * (told["top"] - told["bottom"] + 0.1))
     return np.array([told[name] for name in CLUES])
@@ -221,9 +223,8 @@ def _of_place(sight: Sight, candidate: Candidate, piece: Piece) -> dict[str, flo
     }
 
 
-def _off(along: np.ndarray, grid: float | None) -> float:
-    if grid is None:
-        return UNKNOWN
+def off_grid(along: np.ndarray, grid: float) -> float:
+    """The angle [deg], 0 to 45, between a direction (2,) and the one [rad] that a building stands along or across."""
     turn = np.degrees(np.arctan2(along[1], along[0]) - grid) % 90.0
     return float(min(turn, 90.0 - turn))
 

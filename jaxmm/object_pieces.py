@@ -71,8 +71,10 @@ def pieces_of(sight: Sight, chosen: np.ndarray, loose: np.ndarray, settings: Pie
     pieces: list[Piece] = []
     for number, members in enumerate(_clusters(sight, chosen, settings)):
         places = sight.points[members, :2]
-        faces = _faces(places, sight.origin[members], settings)
+        faces = faces_of(places, settings.tolerance, settings.run_gap, settings.least_points)
         circle = _round(places, faces, settings)
+        if circle is None and _is_surrounded(places, sight.origin[members, :2]):
+            faces = _faces_of_each(places, sight.origin[members], settings)
         shapes = [(members[circle.on], None, circle)] if circle is not None else []
         if circle is None:
             shapes = [(members[face.members], face._replace(members=members[face.members]), None) for face in faces]
@@ -124,7 +126,13 @@ def _clusters(sight: Sight, chosen: np.ndarray, settings: PieceSettings) -> list
     return [members for members in clusters if len(members) >= settings.least_points]
 
 
-def _faces(places: np.ndarray, origin: np.ndarray, settings: PieceSettings) -> list[Face]:
+def _is_surrounded(places: np.ndarray, origin: np.ndarray) -> bool:
+    """Whether scans look at places (n, 2) from opposite sides; `origin` (n, 2) is where each was seen from."""
+    away = np.unique(origin, axis=0) - places.mean(axis=0)
+    return bool((away @ away.T).min() < 0.0)
+
+
+def _faces_of_each(places: np.ndarray, origin: np.ndarray, settings: PieceSettings) -> list[Face]:
     """Faces among places (n, 2), of each scan alone: a line between both sides of a thin wall is of neither."""
     scans, number = np.unique(origin, axis=0, return_inverse=True)
     found = []
@@ -132,7 +140,7 @@ def _faces(places: np.ndarray, origin: np.ndarray, settings: PieceSettings) -> l
         own = np.flatnonzero(number.reshape(-1) == scan)
         faces = faces_of(places[own], settings.tolerance, settings.run_gap, settings.least_points)
         found += [face._replace(members=own[face.members]) for face in faces]
-    return sorted(found, key=lambda face: -len(face.members)) if len(scans) > 1 else found
+    return sorted(found, key=lambda face: -len(face.members))
 
 
 def _grown(sight: Sight, piece: Piece, loose: np.ndarray, settings: PieceSettings) -> tuple[Piece, np.ndarray]:

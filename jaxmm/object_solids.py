@@ -11,7 +11,7 @@ from jaxmm.object_candidates import LEAST_SIDE, Candidate, CandidateSettings
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import face_through, outside, rectangle_along, upright_along
 from jaxmm.object_sight import Sight
-from jaxmm.object_walls import KnownBuilding, Solid, reach, wall_behind, wall_end_on
+from jaxmm.object_walls import KnownBuilding, Solid, ends_in_view, wall_behind, wall_end_on
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +50,7 @@ def solid_of(
         return _shaft(first, settings, known)
     if candidate.crossing is not None:
         return _corner(sight, candidate, settings, known)
-    if first.face.length < (LEAST_SIDE if _ends(sight, first, settings) else settings.least_width):
+    if first.face.length < (LEAST_SIDE if ends_in_view(sight, first, settings) else settings.least_width):
         return None
     return _front(sight, candidate, settings, known)
 
@@ -75,15 +75,16 @@ def _wall(
 ) -> Solid | None:
     if candidate.first.circle is not None:  # the edge of a wall, whose two sides passed for a shaft
         face = face_through(sight.points[:, :2], candidate.members)
-        return wall_end_on(candidate.first._replace(face=face, circle=None), settings)
+        return wall_end_on(sight, candidate.first._replace(face=face, circle=None), settings)
     side, shown = (max(one.pieces, key=lambda piece: piece.face.length) for one in (candidate, thinned))
     others = [piece for piece in candidate.pieces if piece is not side]
-    if not others and side.face.length < (settings.tolerance if _ends(sight, side, settings) else settings.least_width):
+    least = settings.tolerance if ends_in_view(sight, side, settings) else settings.least_width
+    if not others and side.face.length < least:
         return None
-    length = shown.face.length
-    narrow = length < settings.least_column or (length <= settings.most_thickness and _ends(sight, shown, settings))
+    length, most = shown.face.length, settings.most_thickness
+    narrow = length < settings.least_column or (length <= most and ends_in_view(sight, shown, settings))
     if narrow and not any(_lies_beyond(side, piece, settings) for piece in others):
-        return wall_end_on(side, settings)._replace(members=candidate.members)
+        return wall_end_on(sight, side, settings)._replace(members=candidate.members)
     return wall_behind(sight, side, others, settings, known)
 
 
@@ -91,11 +92,6 @@ def _lies_beyond(side: Piece, other: Piece, settings: SolidSettings) -> bool:
     """Whether a piece reaches further along a face than that itself: then the face is a wall's side, not its end."""
     place = (other.face.ends - side.face.center) @ side.face.along
     return bool(np.abs(place).max() > side.face.length / 2 + settings.corner)
-
-
-def _ends(sight: Sight, piece: Piece, settings: SolidSettings) -> bool:
-    """Whether one sees that a face goes on at neither end."""
-    return max(reach(sight, piece, way, settings) for way in (-1.0, 1.0)) < settings.shown
 
 
 def _shaft(piece: Piece, settings: SolidSettings, known: KnownBuilding) -> Solid:
@@ -114,7 +110,7 @@ def _front(sight: Sight, candidate: Candidate, settings: SolidSettings, known: K
     length = first.face.length
     edges = np.array([length, _depth(length, settings, known)])
     center = first.face.center - first.toward * edges[1] / 2
-    measured = (_ends(sight, first, settings), False)
+    measured = (ends_in_view(sight, first, settings), False)
     return Solid("pillar", "rectangular", center, edges, first.face.along, members, measured)
 
 
@@ -136,14 +132,15 @@ def _corner(sight: Sight, candidate: Candidate, settings: SolidSettings, known: 
     thin, side = sorted((first, candidate.crossing), key=lambda piece: piece.face.length)
     along = upright_along(sight.points[members, :2])
     center, edges = rectangle_along(sight.points[members, :2], along)
-    measured = (True, True)
-    if not _ends(sight, thin, settings) and _ends(sight, side, settings):
+    faces = sorted((thin, side), key=lambda piece: -abs(piece.face.along @ along))  # one gives each edge
+    measured = tuple(ends_in_view(sight, piece, settings) for piece in faces)
+    if not ends_in_view(sight, thin, settings) and ends_in_view(sight, side, settings):
         # The rest of the hidden side, away from the sensor.
         axes = np.stack([along, [-along[1], along[0]]])
         grown = np.array([_depth(edges.max(), settings, known) if edge < edges.max() else edge for edge in edges])
         grown = np.maximum(grown - edges, 0.0)
         center = center + (np.sign(axes @ (center - first.origin[:2])) * grown / 2) @ axes
-        edges, measured = edges + grown, (not grown[0], not grown[1])
+        edges = edges + grown
     return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), along, members, measured)
 
 

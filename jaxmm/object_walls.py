@@ -78,10 +78,13 @@ def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSe
     offset = sight.points[members, :2] - face.center
     depth = -(offset @ wall.toward)
     # A single column of points on a slanting end may be anywhere on it.
-    measured = any(piece.face.length >= settings.tolerance for piece in others)
-    seen = float(depth[depth <= settings.most_thickness].max()) if measured else 0.0
+    shows = [piece for piece in others if piece.face.length >= settings.tolerance]
+    seen = float(depth[depth <= settings.most_thickness].max()) if shows else 0.0
     is_seen = seen >= settings.least_thickness
     thickness = _fitting(seen, settings, known.walls) if is_seen else _unseen(sight, wall, settings, known)
+    to_its_back = is_seen and any(
+        is_back(wall, piece, settings) or ends_in_view(sight, piece, settings) for piece in shows
+    )
     # A pillar before the wall, say, is none of its length.
     place = (offset @ face.along)[np.abs(depth) <= settings.most_thickness]
     low, high = float(place.min()), float(place.max())
@@ -92,7 +95,7 @@ def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSe
     whole = all(one.reach < settings.shown for one in ends)
     center = face.center + face.along * (low + high) / 2 - wall.toward * thickness / 2
     edges = np.array([high - low, thickness])
-    return Solid("wall", "rectangular", center, edges, face.along, members, (whole, is_seen))
+    return Solid("wall", "rectangular", center, edges, face.along, members, (whole, to_its_back))
 
 
 def is_back(wall: Piece, piece: Piece, settings: WallSettings) -> bool:
@@ -105,12 +108,18 @@ def is_back(wall: Piece, piece: Piece, settings: WallSettings) -> bool:
     return bool(overlaps and depth.min() >= settings.least_thickness and depth.max() <= settings.most_thickness)
 
 
-def wall_end_on(piece: Piece, settings: WallSettings) -> Solid:
+def wall_end_on(sight: Sight, piece: Piece, settings: WallSettings) -> Solid:
     """A wall behind its end, which is all that is seen of it: as thick as that, of the usual length."""
     length, toward = settings.usual_length, piece.toward
     edges = np.array([length, max(piece.face.length, settings.least_thickness)])
     center = piece.face.center - toward * length / 2
-    return Solid("wall", "rectangular", center, edges, toward, piece.members, (False, True))
+    whole = piece.face.length >= settings.least_thickness and ends_in_view(sight, piece, settings)
+    return Solid("wall", "rectangular", center, edges, toward, piece.members, (False, whole))
+
+
+def ends_in_view(sight: Sight, piece: Piece, settings: WallSettings) -> bool:
+    """Whether one sees that a face goes on at neither end."""
+    return max(reach(sight, piece, way, settings) for way in (-1.0, 1.0)) < settings.shown
 
 
 def reach(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> float:

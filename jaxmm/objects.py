@@ -17,7 +17,7 @@ import numpy as np
 from jaxmm.boxes import Box
 from jaxmm.building_grid import Uprights, grid_near
 from jaxmm.object_candidates import Candidate, candidates_of
-from jaxmm.object_clues import CLUES, ONTO, Opinions, clues_of
+from jaxmm.object_clues import CLUES, ONTO, Opinions, clues_of, off_grid
 from jaxmm.object_ends import Look, as_all_rays_show
 from jaxmm.object_familiar import by_size
 from jaxmm.object_finish import Rays
@@ -98,7 +98,8 @@ def find_objects(
     Args:
         judged: all points of one side; those that did not change tell where nothing stands.
         settings: by default those that were best in validation rooms.
-        known: wall thicknesses and column sections of the building, taken on where they fit, and its surface.
+        known: sizes of the building's walls and columns, which are taken on where they fit, and tell the type; and its
+            surface.
         judge: what tells pillars, walls and neither apart; by default the one that is shipped.
         allows: whether something else, such as the rays, allows an object; one that is not is tried as the other type,
             and else takes no points from others.
@@ -130,18 +131,29 @@ def _solids(
     None where the likelier tells nothing of its shape. It is `shown` by thinned points, and by all rays.
     """
     thinned, one = shown
+    seen = sight.under(one.members)
     if known.columns or known.short_walls:
-        share = by_size(share, one, solid_of(sight.under(one.members), one, False, settings, known), known, settings)
+        pillar_like = solid_of(seen, one, False, settings, known)
+        share = by_size(share, one, pillar_like, known, settings, lambda: _off_grid(seen, one, settings, known))
     nothing, pillar, wall = share
     real = 1.0 - nothing
     probability = float(real / (real + settings.rarer * nothing))
     for is_wall in (bool(wall > pillar), bool(wall <= pillar)):
         if (wall if is_wall else pillar) < settings.least_type * real:
             continue
-        solid = solid_of(sight.under(one.members), one, is_wall, settings, known, thinned)
+        solid = solid_of(seen, one, is_wall, settings, known, thinned)
         if solid is None:
             return
         yield solid._replace(probability=probability)
+
+
+def _off_grid(sight: Sight, one: Candidate, settings: ObjectSettings, known: KnownBuilding) -> float:
+    """The angle [deg] to the building of the wall of which a candidate would be the end; 0 where nobody knows."""
+    wall = solid_of(sight, one, True, settings, known)
+    if wall is None or known.uprights is None:
+        return 0.0
+    grid = grid_near(known.uprights, one.first.origin[:2], sight.floor, sight.ceiling)
+    return 0.0 if grid is None else off_grid(wall.along, grid)
 
 
 def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None = None) -> Examined:

@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxmm.report import Detection, Drawing, to_json
 from jaxmm.verdict_words import (
+    ASSUMED,
     ASSUMED_WORDS,
     EVIDENCE_WORDS,
     OBSERVABLE_WORDS,
@@ -71,7 +72,7 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
             "verdicts": VERDICT_WORDS if detection.elements else {},  # a point cloud has nothing that they are of
             "probability": PROBABILITY_WORDS if detection.elements else PROBABILITY_OF_MISMATCH,
             "prior": EVIDENCE_WORDS, "robot": ROBOT_EVIDENCE_WORDS, "observable": OBSERVABLE_WORDS,
-            "assumed": ASSUMED_WORDS,
+            "assumed": ASSUMED_WORDS, "tilde": ASSUMED,
         },
         "thinned": _told(drawing, (len(robot), len(prior), len(surface.faces))),
         "has_surface": drawing.vertices is not None,

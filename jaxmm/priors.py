@@ -123,7 +123,7 @@ def _known(building: Building) -> KnownBuilding:
     known = [(a, b, bool(rounded)) for a, b, rounded in _frequent(np.array(sections).reshape(-1, 3))]
     is_wall = (thickness > 0.03) & (thickness < 0.6)
     length = np.array([max(one.size[:2]) for one in walls])
-    is_short = (length <= SHORT) & (length >= SLENDER * thickness)
+    is_short = is_wall & (length <= SHORT) & (length >= SLENDER * thickness)
     short = np.column_stack([thickness, np.round(length, 2)])[is_short]
     uprights = uprights_of(building.triangles.vertices, building.triangles.faces)
     return KnownBuilding(

@@ -39,7 +39,7 @@ class Mismatch(NamedTuple):
     moved_from: int | None = None  # of an added object: index of the removed one that it seems to be
     observable_fraction: float | None = None  # of what would be seen of it if it stood alone; None where unknown
     shape: str = "rectangular"  # "rectangular" | "round": the footprint
-    measured: tuple[bool, bool, bool] = (True, True, True)  # of the dimensions, whether they are seen, not assumed
+    measured: tuple[bool, bool, bool] = (True, True, True)  # of the dimensions: seen, or the model's, not assumed
     told_by: tuple[int, ...] = ()  # of each scan: rays that show that it is new, or gone; not in report.json
 
 

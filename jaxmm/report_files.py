@@ -60,7 +60,7 @@ def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
     """A row for each mismatch: RFC 4180, units in the header, an empty cell where nothing is known.
 
     `number` counts from 1, as in report.md and the figures, and `moved_from` is such a number; `measured` says of each
-    dimension, in order, whether it is seen from end to end, or assumed. Text that begins with
+    dimension, in order, whether it is seen from end to end, or the model's own, or else assumed. Text that begins with
     =, +, -, @, a tab or a line break gets a leading apostrophe: spreadsheets would run it as a formula.
     """
     rows = []

@@ -19,7 +19,7 @@ from jaxmm.scan_poses import GivenPose
 from jaxmm.scan_units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height, thinned
 
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
-ON_A_MAP = 5000.0  # [m] a scan so far away is on a map grid, or in a small unit
+ON_A_MAP, TALL_ROOM = 5000.0, 50.0  # [m] a scan so far away is on a map grid; so high, it is in a small unit
 FAR_FROM_FILE = 0.5  # [m] a given pose may be from that of the file, and nothing is said
 LEAST = 0.2  # share of points that must lie on a prior read another way
 CLEARER = 1.25  # times as many points must lie on it as on the prior as it is
@@ -134,15 +134,18 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
 
 
 def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
-    """What to do about a scan that does not lie on the prior: most coordinates so large are a map grid's."""
+    """What to do about a scan that lies nowhere on the prior: one that is far away may be on a map grid."""
     places = prior.cloud if prior.building is None else prior.building.triangles.vertices
-    away = float(np.abs(np.median(thinned(scan.points), axis=0) - prior.origin - np.median(places, axis=0)).max())
-    if away < ON_A_MAP:
+    points = scan.world(thinned(scan.points))
+    away = float(np.abs(np.median(points, axis=0) - prior.origin - np.median(places, axis=0)).max())
+    if away < ON_A_MAP or height(points) > TALL_ROOM:
         return "check that both are in one frame (--frame), and their units (--unit, --prior-unit) and axes (--up)"
-    told = (
-        "the prior has no IfcMapConversion that leads there" if grid is None else "its IfcMapConversion leads elsewhere"
-    )
-    return f"it is {away:.0f} units away, as on a map grid, and {told}: bring both into one frame (and unit, --unit)"
+    why = ""
+    if prior.file is None or prior.file.kind == "ifc":
+        why = (
+            "; the prior has no IfcMapConversion" if grid is None else "; the prior's IfcMapConversion leads elsewhere"
+        )
+    return f"it is {away:.0f} m away, as on a map grid: bring both into one frame{why}"
 
 
 def _other_place(pose: tuple[np.ndarray, np.ndarray] | None, stated: np.ndarray | None) -> tuple[str, ...]:

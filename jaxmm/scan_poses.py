@@ -42,12 +42,12 @@ def read_poses(words: list[str]) -> list[GivenPose | None]:
         if path.suffix.lower() == ".json":
             found += _from_json(path)
         else:
-            found.append(None if word == OWN else parse_pose(word))
+            found.append(None if word == OWN else parse_pose(word, f"{FORM}, or {OWN}"))
     return found
 
 
-def parse_pose(text: str) -> GivenPose:
-    """X,Y,Z,YAW[,PITCH] as a pose.
+def parse_pose(text: str, form: str = FORM) -> GivenPose:
+    """X,Y,Z,YAW[,PITCH] as a pose; `form` says what was expected.
 
     Raises:
         InputError: it is not of that form.
@@ -56,7 +56,7 @@ def parse_pose(text: str) -> GivenPose:
         values = [float(value) for value in text.split(",")]
     except ValueError:
         values = []
-    return _checked(values, "--pose", repr(text))
+    return _checked(values, ("--pose", form), repr(text))
 
 
 def _from_json(path: Path) -> list[GivenPose | None]:
@@ -78,12 +78,13 @@ def _entry(path: Path, entry: Any) -> GivenPose:
     numbers = [*entry["position"], entry.get("yaw", 0.0), entry.get("pitch", 0.0)]
     if any(isinstance(number, bool) or not isinstance(number, int | float) for number in numbers):
         raise InputError(f"--pose: {path}: {JSON_FORM}, got {json.dumps(entry)[:80]}")
-    return _checked([float(number) for number in numbers], f"--pose: {path}", json.dumps(entry)[:80])
+    return _checked([float(number) for number in numbers], (f"--pose: {path}", FORM), json.dumps(entry)[:80])
 
 
-def _checked(values: list[float], where: str, came: str) -> GivenPose:
+def _checked(values: list[float], wanted: tuple[str, str], came: str) -> GivenPose:
+    where, form = wanted
     if len(values) not in (4, 5) or not np.isfinite(values).all() or (len(values) == 5 and abs(values[4]) > 90.0):
-        raise InputError(f"{where}: expected {FORM}, got {came}")
+        raise InputError(f"{where}: expected {form}, got {came}")
     if max(abs(value) for value in values[:3]) > FARTHEST:
         raise InputError(f"{where}: expected X, Y and Z within {FARTHEST:g} m, got {came}")
     return GivenPose(np.array(values[:3]), values[3], values[4] if len(values) == 5 else 0.0)

@@ -139,6 +139,18 @@ def test_what_is_missing_in_the_prior_is_what_is_removed_the_other_way_round(hal
         )
 
 
+def test_a_building_without_some_elements_keeps_the_others_in_order(hall):
+    names = ("column a", "wall inside")
+    left = without(hall, np.array([hall.elements.name.index(name) for name in names]))
+    assert left.elements.name == tuple(name for name in hall.elements.name if name not in names)
+    assert len(left.elements.semantic) == len(left.triangles.semantic) == len(hall.elements.guid) - 2
+    for row, guid in enumerate(left.elements.guid):
+        ours, whole = of_element(left, row), of_element(hall, hall.elements.guid.index(guid))
+        np.testing.assert_array_equal(ours.center, whole.center)
+        np.testing.assert_array_equal(ours.size, whole.size)
+    assert without(hall, np.zeros(0, int)).elements.guid == hall.elements.guid
+
+
 def test_nothing_changes_in_unchanged_pairs(hall):
     pairs = pairs_of(hall, scenario="unchanged")
     for a, b in zip(pairs.dt, pairs.robot, strict=True):

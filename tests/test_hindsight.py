@@ -45,19 +45,19 @@ def test_rays_through_the_place_deny_a_new_object_and_tell_that_one_is_gone():
     assert gone.tell > 5 and gone.deny == 0
 
 
-def test_rays_between_what_is_seen_of_a_wall_pass_an_opening_and_others_deny_it():
+def test_rays_below_or_above_what_is_seen_of_a_wall_pass_an_opening_and_others_deny_it():
     """A wall of 4 m across the view, of which a metre on either side of an opening is met."""
     box, scan = Box("wall", np.array([3.0, 0.0, 0.0]), np.array([4.0, 0.2, 3.0]), 90.0), rays(8.0)
     reach = 2.9 / scan.direction[:, 0]
     across = reach * scan.direction[:, 1]
     solid = (np.abs(across) > 0.4) & (np.abs(across) < 1.4)
     scan = scan._replace(distance=np.where(solid, reach, 8.0).astype(np.float32))
-    whole, half, none = (
-        hindsight.of_box(box, np.full(41, 8.0), scan, face) for face in ((-2.0, 2.0), (-2.0, 0.0), (0.0, 0.0))
-    )
-    assert whole.deny == whole.through == half.deny == none.deny > 5 and none.through == 0
-    assert half.through == pytest.approx(whole.through / 2, abs=1)
-    assert whole.tell == pytest.approx(solid.sum(), abs=1)
+    along = np.arange(-1.4, 1.41, 0.1)  # with a sill below the opening, and without one
+    sill, gap = (hindsight.of_box(box, np.full(41, 8.0), scan, face) for face in (along, along[np.abs(along) > 0.4]))
+    none = hindsight.of_box(box, np.full(41, 8.0), scan)
+    assert sill.deny == sill.through == gap.deny == none.deny > 5 and none.through == 0
+    assert gap.through <= 2 and hindsight.of_box(box, np.full(41, 8.0), scan, np.zeros(0)).through == 0
+    assert sill.tell == pytest.approx(solid.sum(), abs=1)
 
 
 def test_floor_and_ceiling_around_the_ends_of_a_gone_object_do_not_deny_it():

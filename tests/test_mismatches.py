@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from box_building import building_of
 
-from jaxmm.boxes import Box
+from jaxmm.boxes import Box, BoxSettings
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans, look_at
-from jaxmm.mismatches import _below_roof, _linked, mismatches_of
+from jaxmm.mismatches import _below_roof, _linked, _measured_by_thesis, mismatches_of
 from jaxmm.priors import prior_of_building, prior_of_cloud
 from jaxmm.report import Mismatch
 from jaxmm.room_scans import room_cases, true_boxes
@@ -107,6 +107,14 @@ def test_every_storey_has_a_floor_and_a_ceiling_of_its_own():
         np.testing.assert_allclose(one.center, alone.center + np.array([0, 0, rise]), atol=1e-3)
         np.testing.assert_allclose(one.dimensions, alone.dimensions, atol=1e-3)
     assert len(mismatches_of(case.prior, [looked, looked], None, settings)) == 1  # of one storey, one object
+
+
+@pytest.mark.parametrize("kind, measured", [("wall", (True, False, False)), ("pillar", (True, True, False))])
+def test_the_thesis_assumes_a_walls_thickness_and_all_heights(kind, measured):
+    one = Mismatch(kind, "added", np.zeros(3), np.array([3.0, 0.2, 2.5]), 0.0, 0.9)
+    assert _measured_by_thesis(one, DetectSettings(preset="thesis")) == measured
+    unstretched = DetectSettings(preset="thesis", boxes=BoxSettings(stretch=False))
+    assert _measured_by_thesis(one, unstretched) == (*measured[:2], True)
 
 
 def test_what_is_less_probable_than_asked_for_is_left_out():

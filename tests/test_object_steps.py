@@ -59,6 +59,7 @@ def test_a_wall_is_one_around_its_window_and_what_stands_below_a_window_alone_is
         (pillar(3.0, 0.2, 0.6, 40), False, (True, True, True)),
         (pillar(3.0, 0.2, 0.6, 0, CYLINDER), False, (True, True, True)),
         (pillar(1.2, 0.0, 0.4, 45), False, (True, True, False)),  # too near to see its top
+        (wall(3.18, 2.0, 1.91, 0.39, 10), True, (True, False, True)),  # and a part of its end
     ],
 )
 def test_what_is_measured_of_a_size_is_told_from_what_is_assumed(thing, is_wall, measured):

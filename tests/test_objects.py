@@ -93,6 +93,14 @@ def test_a_wall_seen_from_both_sides_is_one_from_end_to_end(seed):
     np.testing.assert_allclose(sorted(found.box.dimensions[:2]), [thickness, length], atol=0.1)
 
 
+@pytest.mark.parametrize("thickness", [0.1, 0.2, 0.3, 0.4])
+def test_a_short_wall_seen_from_both_sides_is_as_thick_as_it_is(thickness):
+    poses = ((-2.5, 0.1, SENSOR[2], 0.0), (2.5, -0.1, SENSOR[2], 180.0))
+    (found,) = find_objects(judged(wall(0.0, 0.0, 1.1, thickness, 90.0), poses=poses), judge=says(0.02, 0.02, 0.96))
+    np.testing.assert_allclose(sorted(found.box.dimensions[:2]), [thickness, 1.1], atol=0.1)
+    assert found.measured[:2] == (True, True)
+
+
 def test_walls_that_meet_are_two_and_a_wall_behind_a_pillar_is_one():
     corner = wall(3.5, 0.0, 3.0, 0.2, 90), wall(2.4, -1.0, 2.0, 0.2, 0)
     found = find_objects(judged(*corner))

@@ -106,18 +106,31 @@ def test_a_scan_that_lies_nowhere_is_refused_in_one_line(room):
     np.testing.assert_array_equal(laid.points, scan.points)
 
 
-@pytest.mark.parametrize("georeferenced", [False, True])
-def test_a_scan_on_another_grid_is_told_how_far_it_is(room, tmp_path, georeferenced):
+@pytest.mark.parametrize("kind", ["georeferenced", "ifc", "mesh"])
+def test_a_scan_on_another_grid_is_told_how_far_it_is(room, tmp_path, kind):
     room[0].export(tmp_path / "room.stl")
     prior, to_map = read_prior(tmp_path / "room.stl"), np.eye(4)
     to_map[:3, 3] = 900_000.0
-    prior = prior._replace(building=prior.building._replace(to_map=to_map if georeferenced else None))
+    if kind != "mesh":
+        prior = prior._replace(file=prior.file._replace(kind="ifc"))
+    if kind == "georeferenced":
+        prior = prior._replace(building=prior.building._replace(to_map=to_map))
     scan = own_scan(plain(room[1] + [155_000.0, 463_000.0, 0.0]), None, "world")
-    with pytest.raises(
-        InputError, match=r"it is 463\d{3} units away, as on a map grid, and .*IfcMapConversion"
-    ) as told:
+    with pytest.raises(InputError, match=r"it is 463\d{3} m away, as on a map grid: bring both") as told:
         lay(prior, scan, None)
-    assert ("leads elsewhere" in str(told.value)) == georeferenced and "\n" not in str(told.value)
+    assert ("has no IfcMapConversion" in str(told.value)) == (kind == "ifc") and "\n" not in str(told.value)
+    assert ("IfcMapConversion leads elsewhere" in str(told.value)) == (kind == "georeferenced")
+
+
+def test_how_far_a_scan_is_counts_from_where_its_pose_takes_it(room):
+    """Points of a sensor's frame are near zero, wherever it stood; millimetres are far from it, and no map."""
+    grid = np.array([155_000.0, 463_000.0, 0.0])
+    there = GIVEN._replace(position=GIVEN.position + grid + [0.0, 60.0, 0.0])
+    carried = own_scan(plain(seen_from(room[1], GIVEN)), there, "sensor")
+    in_millimetres = own_scan(plain(room[1] * 1000.0 + 9e4), None, "world")
+    for origin, scan in ((grid, carried), (np.zeros(3), in_millimetres)):
+        with pytest.raises(InputError, match=r"check that both are in one frame"):
+            lay(prior_of_cloud(room[1] + origin), scan, None)
 
 
 @pytest.mark.parametrize("seed", range(6))

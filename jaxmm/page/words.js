@@ -16,7 +16,7 @@ const count = (value) => value.toLocaleString("en-US");
 const plural = (value, word) => `${count(value)} ${word}${value === 1 ? "" : "s"}`;
 /** The dimensions of a mismatch, those that are assumed behind a tilde. */
 const sizes = (one) =>
-  `${one.dimensions.map((size, axis) => `${one.measured[axis] ? "" : "~"}${size.toFixed(2)}`).join("  ")} m`;
+  `${one.dimensions.map((size, axis) => `${one.measured[axis] ? "" : data.words.tilde}${size.toFixed(2)}`).join("  ")} m`;
 const metres = (values) => `${values.map((value) => value.toFixed(2)).join("  ")} m`;
 const capital = (word) => word.charAt(0).toUpperCase() + word.slice(1);
 

@@ -1,0 +1,57 @@
+"""The table of building files: what is counted of views, and when a missing element counts as found."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from benchmarks.buildings import _counts as counts
+from benchmarks.buildings import _held as held
+from benchmarks.buildings import table
+from jaxmm.config import SCENARIOS
+from jaxmm.files import write_json
+from jaxmm.report import Mismatch
+from warp_scanner.building_pairs import MISSING
+
+ALONG = np.column_stack([np.linspace(0.05, 9.95, 100), np.zeros(100), np.ones(100)])  # points of a wall of 10 m
+
+
+def seen(new=100, shows=100):
+    """A scan of ALONG, the first rays of which are new, and the first of those show what is missing."""
+    rays = np.arange(100)[None]
+    pairs = SimpleNamespace(
+        robot=SimpleNamespace(distance=np.ones((1, 100))), testable_robot=rays < new, changed_robot=rays < shows
+    )
+    return pairs, SimpleNamespace(points=ALONG)
+
+
+def box(start, end):
+    return Mismatch("wall", "added", np.array([(start + end) / 2, 0, 1]), np.array([end - start, 0.2, 2.0]), 0.0, 0.9)
+
+
+def test_boxes_hold_a_missing_wall_together_and_one_on_something_else_is_false():
+    zero = np.zeros(3)
+    assert held([box(0, 5)], *seen(), zero) == (1, 1)
+    assert held([box(0, 3)], *seen(), zero) == (0, 1)  # right, but it tells of too little
+    assert held([box(0, 3), box(5, 8)], *seen(), zero) == (1, 2)
+    assert held([box(0, 4), box(6, 10)], *seen(shows=50), zero) == (1, 1)
+    assert held([box(20, 25)], *seen(), zero) == (0, 0) and held([], *seen(), zero) == (0, 0)
+    far = np.array([1e6, 0.0, 0.0])
+    there = [one._replace(center=one.center + far) for one in [box(0, 6)]]
+    assert held(there, *seen(), far) == (1, 1)
+
+
+def test_views_are_counted_by_change_and_by_how_much_they_show(tmp_path):
+    def view(scenario, shown, found, false):
+        return {"scenario": scenario, "shown": shown, "found": found, "false": false}
+
+    views = [
+        view("wall_added", 0.9, 1, 0), view("wall_added", 0.9, 1, 1), view("wall_removed", 0.1, 0, 0),
+        view("wall_removed", 0.1, 0, 2), {"scenario": "pillar_added", "shown": 0.5, "refused": "why"},
+        view("wall_missing", 0.6, 1, 0),
+    ]  # fmt: skip
+    assert counts(views, SCENARIOS) == [5, 1, 2, 1, 2, 1, 3] and counts(views, MISSING) == [1, 0, 1, 1, 0, 0, 0]
+    write_json(tmp_path / "house_occluded_3.json", {"views": views, "loading": 1.0, "seconds": {"warm": 0.5}})
+    write_json(tmp_path / "house_occluded_4.json", {"views": [], "loading": 1.0, "seconds": {}})
+    rows = [line for line in table(tmp_path, "occluded", 3).splitlines() if line.startswith("| house")]
+    assert rows[0].startswith("| house | 5 | 1 | 2 | 1 | 2 | 1 | 3 | 1.0 | 0.50 |")
+    assert rows[1] == "| house | 1 | 0 | 1 | 1 | 0 | 0 | 0 |"
