@@ -15,6 +15,7 @@ from jaxmm.object_walls import KnownBuilding, Solid
 CORNER = 1.42  # times its side: how wide a square column is that is seen at its corner, which may pass for a shaft
 SQUARE = 1.25  # most of a section's longer side, in shorter ones, that may
 THINNED = 0.12  # [m] by which such a shaft may look thinner than the column, as points are thinned
+SPAN = 1.0  # [m] over which sides of other things may be anywhere
 ASKEW = 15.0  # [deg] from the directions of the building, beyond which no wall of it stands
 
 
@@ -28,9 +29,10 @@ def by_size(
 ) -> np.ndarray:
     """The probabilities (3,) of nothing, a pillar and a wall, moved between the last two by the sizes in a building.
 
-    Two sides that fit decide, and so does one where a wall would show no more than its end: a column always looks like
-    that, a wall only from its own line. Where that is as thick as a wall, too, it decides only if no wall of the
-    building stands in that direction. One wider face fits by chance more often.
+    What has a size of the building is likelier of that kind, by how much seldomer other things have it by chance: the
+    more sizes a building has, the less each tells. One face as slender as a column tells more, where a wall would show
+    no more than its end: a column always looks like that, a wall only from its own line. But it tells nothing where it
+    is as thick as the building's walls, too, and they stand in that direction.
 
     Args:
         share: (3,) as the judge has them.
@@ -51,12 +53,19 @@ def by_size(
     wall = not is_shaft and any(_near(sizes, np.array(one)[-len(sizes) :], settings) for one in known.short_walls)
     if column == wall:
         return share
-    both, slender = len(sizes) == 2, len(sizes) == 1 and (is_shaft or sizes[0] <= settings.most_thickness)
-    if column and slender and _near(sizes, np.array(known.walls), settings) and off_grid() <= ASKEW:
-        return share
-    factor = settings.familiar if both or (column and slender) else settings.familiar_face
+    factor = _likelier(known.columns if column else known.short_walls, len(sizes), settings)
+    if column and len(sizes) == 1 and (is_shaft or sizes[0] <= settings.most_thickness):
+        if _near(sizes, np.array(known.walls), settings) and off_grid() <= ASKEW:
+            return share
+        factor *= settings.end_on
     odds = share[1:] * ([factor, 1.0] if column else [1.0, factor])
     return np.append(share[0], odds * ((1.0 - share[0]) / odds.sum()))
+
+
+def _likelier(sizes: tuple[tuple, ...], sides: int, settings: SolidSettings) -> float:
+    """How many times likelier what has one of some sizes is of their kind: as often as that is so, by chance."""
+    by_chance = len(sizes) * (2.0 * settings.fits / SPAN) ** sides
+    return max(settings.familiar / by_chance, 1.0)
 
 
 def _has_section(sizes: np.ndarray, column: tuple[float, float, bool], is_shaft: bool, settings: SolidSettings) -> bool:

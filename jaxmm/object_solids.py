@@ -19,8 +19,8 @@ class SolidSettings(CandidateSettings):
     """How candidates become walls and pillars. Lengths in metres."""
 
     least_column: float = 0.26  # a lone face of a wall that is narrower is its end
-    familiar: float = 1e4  # times as likely is what has both sides of a column, or of a short wall, of its building
-    familiar_face: float = 10.0  # and what has one of them
+    familiar: float = 0.8  # share of new columns, and short walls, that have the size of one of their building
+    end_on: float = 100.0  # how many times seldomer a wall shows its end alone than a column looks like that
     least_width: float = 0.15  # of a lone face that goes on unseen; less tells nothing of its shape
 
 

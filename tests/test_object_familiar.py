@@ -56,8 +56,11 @@ def test_one_wide_face_moves_the_odds_less_than_two_or_a_slender_one():
     settings = ObjectSettings()
     face = moved(judged(pillar(3.0, 0.0, 0.8)), [0.1, 0.45, 0.45], KnownBuilding(columns=((0.8, 0.8, False),)))
     slender = moved(judged(pillar(3.0, 0.0, 0.3)), [0.1, 0.45, 0.45], COLUMNS)
-    assert face[1] / face[2] == pytest.approx(settings.familiar_face)
-    assert slender[1] / slender[2] == pytest.approx(settings.familiar)
+    assert face[1] / face[2] == pytest.approx(0.8 / 0.12)
+    assert slender[1] / slender[2] == pytest.approx(settings.end_on * 0.8 / 0.12)
+    many = KnownBuilding(columns=tuple((width, width, False) for width in (0.3, 0.5, 0.8, 1.0)))
+    one_of_four = moved(judged(pillar(3.0, 0.0, 0.8)), [0.1, 0.45, 0.45], many)
+    assert one_of_four[1] / one_of_four[2] == pytest.approx(0.8 / 0.48)
 
 
 def test_the_end_of_what_is_as_thick_as_a_wall_too_is_a_columns_only_if_no_wall_stands_in_that_direction():
