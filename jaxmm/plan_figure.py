@@ -26,7 +26,8 @@ SLICE = 0.3  # [m] to both sides of the cut: points within it are drawn
 MOST_LEVELS, MOST_LISTED = 4, 14
 LEFT, PLAN_WIDTH, LEGEND_WIDTH, ROOM_FOR_LABELS = 0.75, 7.5, 4.2, 1.0  # [inch]
 NAME_AT = (0.0, -22.0)  # [pt] from a sensor to the middle of its name
-APART = 24.0  # [pt] between the middles of numbers and names
+NAME_SPANS = (-15.0, 0.0, 15.0)  # [pt] a name is wide: from its middle, places that it takes
+APART = 26.0  # [pt] between the middles of numbers, and from such places
 FAR_ORIGIN = 1e4  # [m] beyond this, axes count from the origin: labels of seven digits cannot be read
 
 
@@ -95,7 +96,7 @@ def _draw_level(axes: Axes, detection: Detection, level: Level, limits: tuple, s
     low, high = limits
     axes.set(xlim=(low[0] + shift[0], high[0] + shift[0]), ylim=(low[1] + shift[1], high[1] + shift[1]), aspect="equal")
     axes.apply_aspect()
-    taken = [_on_paper(axes, place) + NAME_AT for place in sensors]
+    taken = [_on_paper(axes, place) + NAME_AT + [part, 0.0] for place in sensors for part in NAME_SPANS]
     for index, one in shown:
         _draw_mismatch(axes, index, one, base, sensors, taken)
     for name, value in zip("xy", base, strict=False):

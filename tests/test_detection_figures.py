@@ -294,7 +294,7 @@ def test_numbers_in_the_plan_do_not_cover_each_other_nor_the_sensor(sparse):
     near = [one._replace(center=np.add(one.center, [0.1 * step, 0.05 * step, 0.0])) for step in range(6)]
     near.append(one._replace(center=np.array([x + 0.2, y - 0.3, one.center[2]])))
     figure = draw_plan(sparse._replace(mismatches=tuple(near)))
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     words = [text for text in figure.axes[0].texts if text.get_text()]
     boxes = [Text.get_window_extent(text) for text in words]  # without the lines from them to their boxes
     assert {text.get_text() for text in words} >= {"1", "7", "scan 1"}
