@@ -141,10 +141,8 @@ def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
     if away < ON_A_MAP or height(points) > TALL_ROOM:
         return "check that both are in one frame (--frame), and their units (--unit, --prior-unit) and axes (--up)"
     why = ""
-    if prior.file is None or prior.file.kind == "ifc":
-        why = (
-            "; the prior has no IfcMapConversion" if grid is None else "; the prior's IfcMapConversion leads elsewhere"
-        )
+    if prior.file is not None and prior.file.kind == "ifc":
+        why = "; the prior has no IfcMapConversion" if grid is None else "; its IfcMapConversion leads elsewhere"
     return f"it is {away:.0f} m away, as on a map grid: bring both into one frame{why}"
 
 

@@ -119,6 +119,7 @@ def test_a_scan_on_another_grid_is_told_how_far_it_is(room, tmp_path, kind):
     with pytest.raises(InputError, match=r"it is 463\d{3} m away, as on a map grid: bring both") as told:
         lay(prior, scan, None)
     assert ("has no IfcMapConversion" in str(told.value)) == (kind == "ifc") and "\n" not in str(told.value)
+    assert ("IfcMapConversion" in str(told.value)) == (kind != "mesh")
     assert ("IfcMapConversion leads elsewhere" in str(told.value)) == (kind == "georeferenced")
 
 
