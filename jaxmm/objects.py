@@ -132,27 +132,30 @@ def _solids(
     """
     thinned, one = shown
     seen = sight.under(one.members)
+
+    @functools.cache
+    def made(is_wall: bool) -> Solid | None:
+        return solid_of(seen, one, is_wall, settings, known, thinned)
+
     if known.columns or known.short_walls:
-        pillar_like = solid_of(seen, one, False, settings, known)
-        share = by_size(share, one, pillar_like, known, settings, lambda: _off_grid(seen, one, settings, known))
+        share = by_size(share, one, made(False), known, settings, lambda: _off_grid(seen, made(True), known))
     nothing, pillar, wall = share
     real = 1.0 - nothing
     probability = float(real / (real + settings.rarer * nothing))
     for is_wall in (bool(wall > pillar), bool(wall <= pillar)):
         if (wall if is_wall else pillar) < settings.least_type * real:
             continue
-        solid = solid_of(seen, one, is_wall, settings, known, thinned)
+        solid = made(is_wall)
         if solid is None:
             return
         yield solid._replace(probability=probability)
 
 
-def _off_grid(sight: Sight, one: Candidate, settings: ObjectSettings, known: KnownBuilding) -> float:
-    """The angle [deg] to the building of the wall of which a candidate would be the end; 0 where nobody knows."""
-    wall = solid_of(sight, one, True, settings, known)
+def _off_grid(sight: Sight, wall: Solid | None, known: KnownBuilding) -> float:
+    """The angle [deg] between a wall and the building around it; 0 where nobody knows."""
     if wall is None or known.uprights is None:
         return 0.0
-    grid = grid_near(known.uprights, one.first.origin[:2], sight.floor, sight.ceiling)
+    grid = grid_near(known.uprights, wall.center, sight.floor, sight.ceiling)
     return 0.0 if grid is None else off_grid(wall.along, grid)
 
 
