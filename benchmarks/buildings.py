@@ -184,7 +184,7 @@ def table(out: Path, condition: str, seed: int) -> str:
         names = ["file", "views", "refused", "shown well", "of those right", "shown less", "of those right",
                  "false mismatches", *(seconds if timed else ())]  # fmt: skip
         lines += [f"| {' | '.join(names)} |", f"|{' --- |' * len(names)}"]
-        for path in sorted(_kept(out, "*", condition, seed).parent.glob(_kept(out, "*", condition, seed).name)):
+        for path in sorted(out.glob(_kept(out, "*", condition, seed).name)):
             told = load_json(path)
             cells = [path.stem.removesuffix(f"_{condition}_{seed}"), *_counts(told["views"], changes)]
             if timed:
@@ -201,17 +201,9 @@ def _counts(views: list[dict[str, Any]], changes: tuple[str, ...]) -> list[int]:
     believed = [one for one in views if "refused" not in one]
     well = [one for one in believed if one["shown"] >= LEAST_SHOWN]
     less = [one for one in believed if one["shown"] < LEAST_SHOWN]
-    right = sum(one["found"] == 1 and one["false"] == 0 for one in well)
-    none = sum(one["false"] == 0 for one in less)
-    return [
-        len(views),
-        len(views) - len(believed),
-        len(well),
-        right,
-        len(less),
-        none,
-        sum(x["false"] for x in believed),
-    ]
+    counts = [len(views), len(views) - len(believed)]
+    counts += [len(well), sum(one["found"] == 1 and one["false"] == 0 for one in well)]
+    return [*counts, len(less), sum(one["false"] == 0 for one in less), sum(one["false"] for one in believed)]
 
 
 if __name__ == "__main__":

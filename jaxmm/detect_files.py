@@ -213,12 +213,10 @@ def _viewpoint(prior: Prior, thin: np.ndarray, camera: Pinhole) -> tuple[Viewpoi
         return estimate(thin, *view, pitch=None), ""
     except InputError as error:
         alone = InputError(f"{error}; {ESTIMABLE.format(*view)}")
-    try:
-        if prior.cloud is not None:
+    if prior.cloud is not None:
+        with contextlib.suppress(InputError):
             found = estimate_by_other(thin, prior.cloud.astype(np.float64) + prior.origin, *view)
             return found, " from the points of the prior, as of a scan from the same place"
-    except InputError:
-        pass
     raise alone
 
 

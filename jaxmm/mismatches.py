@@ -139,8 +139,10 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
             for kind in ("pillar", "wall")
             for box in fit_boxes(judged.points, getattr(judged, kind), kind, settings.boxes, extent)
         ]
-        fitted = [_mismatch(prior, box, change, _alone(box, change, looked)) for box in boxes]
-        return [one._replace(measured=_measured_by_thesis(one, settings)) for one in fitted]
+        return [
+            _mismatch(prior, box, change, _alone(box, change, looked), _measured_by_thesis(box, settings))
+            for box in boxes
+        ]
 
     def box_of(one: Found) -> Box:
         return _below_roof(prior, one.box, float(judged.points[one.members, 2].max())) if change == "added" else one.box
@@ -158,11 +160,10 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
         return bool(new >= LEAST_NEW and tell >= LEAST_MET and solid)
 
     found = [(box_of(one), one) for one in find_objects(judged, settings.objects, prior.known, allows=allows)]
-    fitted = [(_mismatch(prior, box, change, _alone(box, change, looked)), one) for box, one in found]
-    return [mismatch._replace(measured=one.measured) for mismatch, one in fitted]
+    return [_mismatch(prior, box, change, _alone(box, change, looked), one.measured) for box, one in found]
 
 
-def _measured_by_thesis(one: Mismatch, settings: DetectSettings) -> tuple[bool, bool, bool]:
+def _measured_by_thesis(one: Box, settings: DetectSettings) -> tuple[bool, bool, bool]:
     """Walls get a thickness, and everything the height of its room."""
     thick = int(np.argmin(one.dimensions[:2])) if one.object_type == "wall" else -1
     return (thick != 0, thick != 1, not settings.boxes.stretch)
@@ -219,13 +220,16 @@ def _alone(box: Box, change: str, looked: list[Looked], face: np.ndarray | None 
     return [hindsight.of_box(box, one.expected, one.rays, face) for one in looked]
 
 
-def _mismatch(prior: Prior, box: Box, change: str, alone: list[Alone]) -> Mismatch:
+def _mismatch(
+    prior: Prior, box: Box, change: str, alone: list[Alone], measured: tuple[bool, bool, bool] = (True, True, True)
+) -> Mismatch:
     """The mismatch in the world; what is observable is what the best of the scans shows."""
     shares = [part.tell / part.would_meet for part in alone if part.would_meet]
     return Mismatch(
         box.object_type, change, np.asarray(box.center, np.float64) + prior.origin,
         np.asarray(box.dimensions, np.float64), float(box.rotation), float(box.probability),
-        observable_fraction=max(shares, default=0.0), shape=box.shape, told_by=tuple(part.tell for part in alone),
+        observable_fraction=max(shares, default=0.0), shape=box.shape, measured=measured,
+        told_by=tuple(part.tell for part in alone),
     )  # fmt: skip
 
 

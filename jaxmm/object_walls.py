@@ -100,7 +100,7 @@ def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSe
 
 def is_back(wall: Piece, piece: Piece, settings: WallSettings) -> bool:
     """Whether a face, seen by another scan, is at the back of a wall's: each may reach beyond the other."""
-    if piece.face is None or wall.toward @ piece.toward > -np.cos(np.radians(settings.turn)):
+    if wall.toward @ piece.toward > -np.cos(np.radians(settings.turn)):
         return False
     ends = piece.face.ends - wall.face.center
     depth, place = -(ends @ wall.toward), ends @ wall.face.along

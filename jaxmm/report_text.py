@@ -74,7 +74,7 @@ def sizes(mismatch: Mismatch) -> str:
 
 
 def told_size(value: float, seen: bool) -> str:
-    """One of them."""
+    """One length [m], behind a tilde unless it is seen."""
     return f"{'' if seen else ASSUMED}{number(value)}"
 
 

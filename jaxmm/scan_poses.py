@@ -56,7 +56,7 @@ def parse_pose(text: str, form: str = FORM) -> GivenPose:
         values = [float(value) for value in text.split(",")]
     except ValueError:
         values = []
-    return _checked(values, ("--pose", form), repr(text))
+    return _checked(values, "--pose", repr(text), form)
 
 
 def _from_json(path: Path) -> list[GivenPose | None]:
@@ -78,11 +78,10 @@ def _entry(path: Path, entry: Any) -> GivenPose:
     numbers = [*entry["position"], entry.get("yaw", 0.0), entry.get("pitch", 0.0)]
     if any(isinstance(number, bool) or not isinstance(number, int | float) for number in numbers):
         raise InputError(f"--pose: {path}: {JSON_FORM}, got {json.dumps(entry)[:80]}")
-    return _checked([float(number) for number in numbers], (f"--pose: {path}", FORM), json.dumps(entry)[:80])
+    return _checked([float(number) for number in numbers], f"--pose: {path}", json.dumps(entry)[:80])
 
 
-def _checked(values: list[float], wanted: tuple[str, str], came: str) -> GivenPose:
-    where, form = wanted
+def _checked(values: list[float], where: str, came: str, form: str = FORM) -> GivenPose:
     if len(values) not in (4, 5) or not np.isfinite(values).all() or (len(values) == 5 and abs(values[4]) > 90.0):
         raise InputError(f"{where}: expected {form}, got {came}")
     if max(abs(value) for value in values[:3]) > FARTHEST:

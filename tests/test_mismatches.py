@@ -111,7 +111,7 @@ def test_every_storey_has_a_floor_and_a_ceiling_of_its_own():
 
 @pytest.mark.parametrize("kind, measured", [("wall", (True, False, False)), ("pillar", (True, True, False))])
 def test_the_thesis_assumes_a_walls_thickness_and_all_heights(kind, measured):
-    one = Mismatch(kind, "added", np.zeros(3), np.array([3.0, 0.2, 2.5]), 0.0, 0.9)
+    one = Box(kind, np.zeros(3), np.array([3.0, 0.2, 2.5]))
     assert _measured_by_thesis(one, DetectSettings(preset="thesis")) == measured
     unstretched = DetectSettings(preset="thesis", boxes=BoxSettings(stretch=False))
     assert _measured_by_thesis(one, unstretched) == (*measured[:2], True)

@@ -2,8 +2,8 @@
 
 Removed: one of the building's own walls or columns is left out of reality. Missing: it is left out of the prior, where
 it stands in reality. Added: a box or a cylinder, or a copy of one of the building's own, stands free in reality only.
-Furniture stands in the occluded reality only. All of it shares one mesh,
-out of which each scan picks what is there. Positions are offsets from the building's origin, metres, z up; R pairs.
+Furniture stands in the occluded reality only. All of it shares one mesh, out of which each scan picks what is there.
+Positions are offsets from the building's origin, metres, z up; R pairs.
 
 A point of the prior is testable where the robot's ray returns from beyond it, by more than the margin: a ray that does
 not return tells nothing. A point of the robot's is testable where the prior's range, infinite where the prior has
