@@ -11,7 +11,7 @@ from jaxmm.object_candidates import LEAST_SIDE, Candidate, CandidateSettings
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import face_through, outside, rectangle_along, upright_along
 from jaxmm.object_sight import Sight
-from jaxmm.object_walls import KnownBuilding, Solid, ends_in_view, wall_behind, wall_end_on
+from jaxmm.object_walls import KnownBuilding, Solid, ends_in_view, is_hidden, wall_behind, wall_end_on
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +82,9 @@ def _wall(
     if not others and side.face.length < least:
         return None
     length, most = shown.face.length, settings.most_thickness
-    narrow = length < settings.least_column or (length <= most and ends_in_view(sight, shown, settings))
+    narrow = length <= most and ends_in_view(sight, shown, settings)
+    # What something hides most of is a side: it seldom leaves just a part of an end in sight.
+    narrow = narrow or (length < settings.least_column and not is_hidden(sight, shown, settings))
     if narrow and not any(_lies_beyond(side, piece, settings) for piece in others):
         return wall_end_on(sight, side, settings)._replace(members=candidate.members)
     return wall_behind(sight, side, others, settings, known)

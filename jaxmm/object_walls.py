@@ -11,7 +11,7 @@ import numpy as np
 from jaxmm.building_grid import Uprights
 from jaxmm.object_pieces import Piece, PieceSettings
 from jaxmm.object_shapes import Face
-from jaxmm.object_sight import Crossings, Sight, crossings, crossings_along, upright_patch
+from jaxmm.object_sight import LEAST_RAYS, Crossings, Sight, crossings, crossings_along, upright_patch
 
 
 class KnownBuilding(NamedTuple):
@@ -61,6 +61,7 @@ class Continuation(NamedTuple):
 
 STEP = 0.1  # [m] in which the line of a face is followed beyond its end
 LOOKED_THROUGH = 0.3  # share of the rays that pass, from which on nothing is there
+NEXT_TO, HIDDEN = 2, 0.7  # steps beyond an end, and share of their rays that end before it, with which it is hidden
 
 
 def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSettings, known: KnownBuilding) -> Solid:
@@ -129,6 +130,17 @@ def reach(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> flo
     stands there.
     """
     return _continuation(sight, piece, way, settings).reach
+
+
+def is_hidden(sight: Sight, piece: Piece, settings: WallSettings) -> bool:
+    """Whether something nearer hides where a face may go on, at one end or both."""
+    for way in (-1.0, 1.0):
+        if reach(sight, piece, way, settings) >= settings.shown:
+            next_to = _steps_beyond(sight, piece, way, settings)[:NEXT_TO]
+            rays = sum(one.total for one in next_to)
+            if rays >= LEAST_RAYS and sum(one.before for one in next_to) >= HIDDEN * rays:
+                return True
+    return False
 
 
 def _continuation(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> Continuation:

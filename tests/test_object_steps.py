@@ -246,3 +246,24 @@ def test_a_short_wall_seen_slantwise_is_not_made_up_to_the_usual_length(x, y, ya
     examined = examine(judged(wall(x, y, 1.0, 0.12, yaw)), ObjectSettings())
     (one,) = examined.candidates
     assert solid_of(examined.sight, one, True, ObjectSettings(), KnownBuilding()).edges.max() < 1.3
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_what_something_hides_most_of_is_the_side_of_a_wall_and_not_its_end(seed):
+    """A strip as wide as walls are thick; where both of its ends are in view, it is the end of one."""
+    rng = np.random.default_rng(seed)
+    way, strip, turn = rng.choice([-1, 1]), rng.uniform(0.17, 0.24), rng.uniform(0.0, 8.0)
+    length, thickness = rng.uniform(2.0, 3.0), rng.uniform(0.1, 0.3)
+    # One end of the wall stands 4 m away; what hides the rest has its edge on the line of sight to short of that.
+    along = np.array([np.sin(np.radians(turn)), way * np.cos(np.radians(turn))])
+    end = np.array([4.0, way * rng.uniform(0.0, 0.3)])  # seen from its front alone
+    edge = end - strip * along - np.array([thickness / 2, 0.0])
+    hiding = slab((2.0, 0.02), (edge[1] * 2.0 / edge[0] - way * 0.8, 1.6), FLOOR, CEILING)
+    yaw = float(np.degrees(np.arctan2(along[1], along[0])))
+    sure = says(0.05, 0.05, 0.9)
+    (one,) = find_objects(
+        judged(wall(*(end - along * length / 2), length, thickness, yaw), others=(hiding,)), judge=sure
+    )
+    assert abs((one.box.rotation - yaw + 90.0) % 180.0 - 90.0) < 20.0 and one.box.dimensions[0] > one.box.dimensions[1]
+    (lone,) = find_objects(judged(wall(4.0, 0.0, 2.0, strip, 0)), judge=sure)
+    assert abs(lone.box.rotation) < 5.0 and lone.box.dimensions[0] > lone.box.dimensions[1]
