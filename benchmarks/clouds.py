@@ -11,8 +11,6 @@ still hold, and how many of those found are right.
 
 import argparse
 import itertools
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -30,7 +28,7 @@ from jaxmm.inputs import InputError
 from jaxmm.preprocess import object_filter, voxel_downsample
 from jaxmm.room_scans import RoomCase, room_cases
 from jaxmm.scan_poses import GivenPose
-from warp_scanner.cores import core_count
+from warp_scanner.cores import worker_pool
 from warp_scanner.pairs import Pairs
 from warp_scanner.points import points_of
 from warp_scanner.scan import Scan
@@ -46,7 +44,7 @@ SENSOR_HEIGHT = 1.5  # [m] as of most released scans
 def main(out: Path, rooms: int, only: list[str], seed: int) -> None:
     out.mkdir(parents=True, exist_ok=True)
     tasks = list(itertools.product(only or SCENES, CONDITIONS, [rooms], [seed], [out]))
-    with ProcessPoolExecutor(core_count(), mp_context=get_context("spawn")) as pool:
+    with worker_pool() as pool:
         for line in pool.map(_part, tasks):
             print(line, flush=True)
     print(table(out, rooms, seed))

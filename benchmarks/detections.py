@@ -12,8 +12,6 @@ that is found, and without what is found, rightly or not, where an object shows 
 
 import argparse
 import itertools
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +30,7 @@ from jaxmm.report import Detection
 from jaxmm.room_scans import RoomCase, room_cases
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, VerdictSettings
 from jaxmm.weights import DEFAULT
+from warp_scanner.cores import worker_pool
 from warp_scanner.pairs import PRESETS
 
 TEST_SEED = 3  # of configs/weights.toml: neither training nor any choice has seen its rooms
@@ -49,7 +48,7 @@ def main(out: Path, rooms: int, only: list[str], presets: list[str], source: tup
         for count in [round(rooms * (UNCHANGED_SHARE if scene == UNCHANGED else 1.0))]
         for start in range(0, count, AT_ONCE)
     ]
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+    with worker_pool() as pool:
         for line in pool.map(_part, parts):
             print(line, flush=True)
     print(table(out))

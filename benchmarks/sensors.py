@@ -10,8 +10,6 @@ them, and verdicts on walls and columns that could be told.
 
 import argparse
 import itertools
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +24,7 @@ from jaxmm.judging import Judges
 from jaxmm.room_scans import RoomCase, room_cases
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
+from warp_scanner.cores import worker_pool
 
 SENSORS = ("oak-d-pro-small", "ouster-64", "velodyne-16", "tls")
 # Of sensors, by the end of their names: how ranges are taken, and whether they settle. Exact ones never do.
@@ -36,7 +35,7 @@ AT_ONCE = 10  # rooms: a scan of a terrestrial scanner has 1.6 million points
 def main(out: Path, rooms: int, only: list[str], seed: int) -> None:
     out.mkdir(parents=True, exist_ok=True)
     tasks = list(itertools.product(only or SENSORS, WAYS, (*SCENARIOS, UNCHANGED), [rooms], [seed], [out]))
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+    with worker_pool() as pool:
         for line in pool.map(_part, tasks):
             print(line, flush=True)
     print(table(out, rooms, seed))
