@@ -71,7 +71,7 @@ class ObjectSettings(SolidSettings):
     least_apart: float = 0.0  # points closer to the other side's surface are none of an object
     surface_margin: float = 0.05  # points this near to floor or ceiling are none either
     least_type: float = 0.1  # a real object is tried as a pillar, or a wall, from this probability of being one on
-    rarer: float = 4.0  # how many times rarer changes are than in the rooms that the judge of objects learnt from
+    rarer: float = 3.0  # how many times rarer changes are than in the rooms that the judge of objects learnt from
 
     def __post_init__(self):
         if not 0.0 <= self.threshold <= 1.0:
