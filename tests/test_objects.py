@@ -12,6 +12,7 @@ from jaxmm.object_finish import Rays
 from jaxmm.object_walls import KnownBuilding
 from jaxmm.objects import Judged, ObjectSettings, examine, find_objects
 from warp_scanner.scenes import BOX, CYLINDER
+from warp_scanner.sensors import OAK_D_PRO_SMALL
 
 
 def only(found, object_type):
@@ -138,11 +139,11 @@ def test_a_slender_face_that_shows_alone_is_as_wide_as_all_rays_show(seed):
 
 
 @pytest.mark.parametrize("thickness", [0.28, 0.3])
-def test_the_end_of_a_wall_stays_one_where_something_hides_a_side_of_it(thickness):
+def test_the_end_of_a_wall_stays_one_where_the_picture_ends_on_it(thickness):
     """All rays show as much of it as a pillar has, its thinned points no more than a wall is thick."""
-    beside = 0.625 * thickness / 2  # where the line of sight along its edge passes what hides all on from there
-    screen = slab((1.2, 0.1), (beside + 0.75, 1.5), FLOOR, CEILING)
-    scene = judged(wall(3.45, 0.0, 2.9, thickness, 0), others=(screen,))
+    beside = 0.625 * thickness / 2  # where the left edge of the picture cuts it, 2 m away
+    yaw = float(np.degrees(np.arctan2(beside, 2.0))) - OAK_D_PRO_SMALL.horizontal_fov / 2
+    scene = judged(wall(3.45, 0.0, 2.9, thickness, 0), poses=((*SENSOR, yaw),))
     box = only(find_objects(scene, judge=says(0.05, 0.05, 0.9)), "wall")
     np.testing.assert_allclose(box.center[:2], [3.0, 0.0], atol=0.1)  # 2 m of it, as walls usually have
     assert max(box.dimensions[:2]) == pytest.approx(2.0) and abs(box.rotation) < 6.0
