@@ -11,7 +11,7 @@ from jaxmm.object_candidates import LEAST_SIDE, Candidate, CandidateSettings
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import face_through, outside, rectangle_along, upright_along
 from jaxmm.object_sight import Sight
-from jaxmm.object_walls import KnownBuilding, Solid, ends_in_view, is_hidden, wall_behind, wall_end_on
+from jaxmm.object_walls import KnownBuilding, Solid, continuations, ends_in_view, wall_behind, wall_end_on
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,13 +81,18 @@ def _wall(
     least = settings.tolerance if ends_in_view(sight, side, settings) else settings.least_width
     if not others and side.face.length < least:
         return None
-    length, most = shown.face.length, settings.most_thickness
-    narrow = length <= most and ends_in_view(sight, shown, settings)
-    # What something hides most of is a side: it seldom leaves just a part of an end in sight.
-    narrow = narrow or (length < settings.least_column and not is_hidden(sight, shown, settings))
-    if narrow and not any(_lies_beyond(side, piece, settings) for piece in others):
+    if not any(_lies_beyond(side, piece, settings) for piece in others) and _is_end(sight, shown, settings):
         return wall_end_on(sight, side, settings)._replace(members=candidate.members)
     return wall_behind(sight, side, others, settings, known)
+
+
+def _is_end(sight: Sight, piece: Piece, settings: SolidSettings) -> bool:
+    """Whether a face is narrow enough for the end of a wall, and no part of its side."""
+    if piece.face.length > max(settings.least_column, settings.most_thickness):
+        return False
+    unseen = [one for one in continuations(sight, piece, settings) if one.reach >= settings.shown]
+    # What something hides a part of is a side: it seldom leaves just a part of an end in sight.
+    return not unseen or (piece.face.length < settings.least_column and not any(one.covered for one in unseen))
 
 
 def _lies_beyond(side: Piece, other: Piece, settings: SolidSettings) -> bool:

@@ -57,11 +57,12 @@ class Continuation(NamedTuple):
 
     reach: float  # [m] how much further it may go on; inf where one does not see it end
     hidden: bool  # whether one sees it end, and something hides all of the way there
+    covered: bool = False  # whether something nearer hides what is right beyond the end
 
 
 STEP = 0.1  # [m] in which the line of a face is followed beyond its end
 LOOKED_THROUGH = 0.3  # share of the rays that pass, from which on nothing is there
-NEXT_TO, HIDDEN = 2, 0.7  # steps beyond an end, and share of their rays that end before it, with which it is hidden
+NEXT_TO, HIDDEN = 2, 0.7  # steps beyond an end, and share of their rays that end before them, which covers them
 
 
 def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSettings, known: KnownBuilding) -> Solid:
@@ -120,7 +121,7 @@ def wall_end_on(sight: Sight, piece: Piece, settings: WallSettings) -> Solid:
 
 def ends_in_view(sight: Sight, piece: Piece, settings: WallSettings) -> bool:
     """Whether one sees that a face goes on at neither end."""
-    return max(reach(sight, piece, way, settings) for way in (-1.0, 1.0)) < settings.shown
+    return all(one.reach < settings.shown for one in continuations(sight, piece, settings))
 
 
 def reach(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> float:
@@ -132,15 +133,9 @@ def reach(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> flo
     return _continuation(sight, piece, way, settings).reach
 
 
-def is_hidden(sight: Sight, piece: Piece, settings: WallSettings) -> bool:
-    """Whether something nearer hides where a face may go on, at one end or both."""
-    for way in (-1.0, 1.0):
-        if reach(sight, piece, way, settings) >= settings.shown:
-            next_to = _steps_beyond(sight, piece, way, settings)[:NEXT_TO]
-            rays = sum(one.total for one in next_to)
-            if rays >= LEAST_RAYS and sum(one.before for one in next_to) >= HIDDEN * rays:
-                return True
-    return False
+def continuations(sight: Sight, piece: Piece, settings: WallSettings) -> tuple[Continuation, Continuation]:
+    """What may be of a face beyond its first end, and beyond its second."""
+    return tuple(_continuation(sight, piece, way, settings) for way in (-1.0, 1.0))
 
 
 def _continuation(sight: Sight, piece: Piece, way: float, settings: WallSettings) -> Continuation:
@@ -149,10 +144,12 @@ def _continuation(sight: Sight, piece: Piece, way: float, settings: WallSettings
     if np.any((ahead > 0.0) & (ahead < settings.around_sensor) & (beside < settings.around_sensor / 2)):
         return Continuation(0.0, True)
     found = _steps_beyond(sight, piece, way, settings)
+    rays, before = (sum(getattr(one, name) for one in found[:NEXT_TO]) for name in ("total", "before"))
+    covered = rays >= LEAST_RAYS and before >= HIDDEN * rays
     ended = next((number for number, one in enumerate(found) if _shows_the_end(one)), None)
     if ended is None:
-        return Continuation(np.inf, False)
-    return Continuation(ended * STEP, all(one.total for one in found[:ended]))
+        return Continuation(np.inf, False, covered)
+    return Continuation(ended * STEP, all(one.total for one in found[:ended]), covered)
 
 
 def _farthest(sides: list[Piece], face: Face, way: float) -> tuple[Piece, float]:
