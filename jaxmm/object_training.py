@@ -12,9 +12,7 @@ are missing.
 import argparse
 import hashlib
 import json
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,6 +38,7 @@ from jaxmm.runs import versions
 from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import rays_of_scan
 from jaxmm.weights import DEFAULT
+from warp_scanner.cores import worker_pool
 
 SEED = 4  # of the rooms: of no other training, validation or test
 AT_ONCE = 20  # rooms of one draw
@@ -206,7 +205,7 @@ def main(out: Path, rooms: int, kept_in: Path | None = None) -> None:
     folder = kept_in and kept_in / f"{versions()['code'][:12]}-{models[:12]}"  # what other code made would differ
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+    with worker_pool() as pool:
         count = max(10, rooms // AT_ONCE)
         draws = []
         with bar_of(f"{count * AT_ONCE} rooms", count * AT_ONCE, "room") as bar:

@@ -34,5 +34,5 @@ def worker_pool() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(core_count(), mp_context=context, initializer=_keep_to_one, initargs=(cores,))
 
 
-def _keep_to_one(cores: "SimpleQueue[int]") -> None:
+def _keep_to_one(cores: SimpleQueue[int]) -> None:
     os.sched_setaffinity(0, {cores.get()})
