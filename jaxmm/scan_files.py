@@ -52,7 +52,7 @@ def read_scans(path: Path) -> list[PointScan]:
     if reader is None:
         raise InputError(f"{path}: expected a scan ending in {', '.join(READERS)}, got {path.suffix or 'no ending'}")
     if not path.stat().st_size:
-        raise InputError(f"{path}: expected a scan, found an empty file")
+        raise InputError(f"{path}: expected points, found an empty file")
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
