@@ -9,7 +9,7 @@ from scipy.stats import ks_2samp
 from warp_scanner.changes import PARTS
 from warp_scanner.rooms import VARIED, RoomConfig
 from warp_scanner.scan import Rays, cast_slots
-from warp_scanner.scenarios import MULTI_SCENARIOS, SceneConfig, make_scenes
+from warp_scanner.scenarios import CROWDED, MULTI_SCENARIOS, SceneConfig, make_scenes
 from warp_scanner.scenes import BOX, CYLINDER, DOOR, FLOOR, GAP, PILLAR, STRUCTURE, WALL, is_structure
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Standing, rotation_of
 
@@ -42,7 +42,7 @@ def gaps_to(table, slot):
     return np.where(there, best, np.inf)
 
 
-@pytest.fixture(scope="module", params=MULTI_SCENARIOS)
+@pytest.fixture(scope="module", params=(*MULTI_SCENARIOS, CROWDED))
 def scenario(request):
     config = SceneConfig(request.param, "occluded", room=VARIED, standing=STANDING)
     return config, make_scenes(config, 6, np.arange(COUNT))
@@ -149,7 +149,12 @@ def test_many_changes_are_the_same_alone_and_in_any_batch():
 def test_numbers_of_scenarios_never_change():
     """They enter the keys of the draws: a change would redraw published scenes."""
     first = ["pillar_added", "wall_added", "pillar_removed", "wall_removed", "unchanged"]
-    assert list(PARTS)[:5] == first and set(MULTI_SCENARIOS) == set(list(PARTS)[5:])
+    several = [
+        "pillars_added", "walls_added", "pillars_removed", "walls_removed", "pillar_and_wall_added",
+        "pillar_and_wall_removed", "pillar_added_and_removed", "wall_added_and_removed", "all_four", "pillar_moved",
+        "wall_moved",
+    ]  # fmt: skip
+    assert list(PARTS)[:17] == [*first, *several, "many_added"] and list(MULTI_SCENARIOS) == several
 
 
 @pytest.mark.parametrize("settings", [{"touching": "always"}, {"prior_furniture": "some"}])

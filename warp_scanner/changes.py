@@ -42,6 +42,7 @@ PARTS: dict[str, tuple[Part, ...]] = {
     "all_four": (_WA, _WR, _PA, _PR),
     "pillar_moved": (_PR, _PA._replace(moved_from=0)),
     "wall_moved": (_WR, _WA._replace(moved_from=0)),
+    "many_added": (_WA, _PA, *2 * (_WA._replace(optional=True), _PA._replace(optional=True))),
 }
 
 

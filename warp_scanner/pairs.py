@@ -30,7 +30,7 @@ class PairConfig:
     """Which pairs to make; lengths in metres."""
 
     seed: int = 0
-    scenario: str = "pillar_added"  # one of scenarios.SCENARIOS or MULTI_SCENARIOS, or "unchanged"
+    scenario: str = "pillar_added"  # see SceneConfig
     condition: str = "clean"  # or "occluded"
     room: RoomConfig = RoomConfig()
     sensor: Sensor = OAK_D_PRO_SMALL  # errs in the robot scan only; the DT scan shares its reach

@@ -17,7 +17,8 @@ from warp_scanner.sense import cast_which
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose, Sensor, Standing, draw_poses
 
 SCENARIOS = ("pillar_added", "wall_added", "pillar_removed", "wall_removed")
-MULTI_SCENARIOS = tuple(name for name in PARTS if name not in (*SCENARIOS, "unchanged"))
+CROWDED = "many_added"  # two to six: to learn from, not for data sets, which hold up to four
+MULTI_SCENARIOS = tuple(name for name in PARTS if name not in (*SCENARIOS, "unchanged", CROWDED))
 CONDITIONS = ("clean", "occluded")
 
 _ATTEMPT_LIMIT = 2000
@@ -30,7 +31,7 @@ _COARSE = 4  # the preview casts every 4th column and row of the grid that count
 class SceneConfig:
     """Which scenes to draw; lengths in metres."""
 
-    scenario: str = "pillar_added"  # one of SCENARIOS or MULTI_SCENARIOS, or "unchanged"
+    scenario: str = "pillar_added"  # one of SCENARIOS or MULTI_SCENARIOS, "unchanged" or CROWDED
     condition: str = "clean"  # "clean": no furniture; "occluded": with it
     room: RoomConfig = RoomConfig()
     standing: Standing = Standing()
