@@ -4,15 +4,17 @@ S scans, E elements. Positions are offsets from the prior's origin, world axes: 
 """
 
 import time
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.boxes import MISMATCH_TYPES
 from jaxmm.building_sighting import passed_by, sight, surfaces_along
 from jaxmm.cloud_comparison import compare, visible
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.inputs import InputError
-from jaxmm.judging import Judges, Side, judge
+from jaxmm.judging import Judges, Side, judge, unjudged
 from jaxmm.mismatches import Looked, mismatches_of, shown_by_each
 from jaxmm.next_view import Stage, next_views, stand_of
 from jaxmm.placement import Placed, place
@@ -132,17 +134,31 @@ def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
         raise InputError(f"{one.file}: {error}") from error
 
 
-def look_at(prior: Prior, rays: ScanRays, judges: Judges) -> tuple[Looked, Told | None]:
-    """Both sides of one scan, judged; and what it tells of each element of a building."""
-    if not prior.has_elements:
-        compared = compare(prior.cloud, rays)
-        frame, nothing = compared.frame, np.full(len(rays.distance), np.inf, np.float32)
-        added, removed = judge(judges, compared.robot, frame, "added"), judge(judges, compared.prior, frame, "removed")
-        return Looked(rays, nothing, added, removed, (frame.floor, frame.ceiling)), None
-    seen = sight(prior, rays)
-    added, removed = judge(judges, seen.robot, seen.frame, "added"), judge(judges, seen.prior, seen.frame, "removed")
-    told = told_of(seen.reached, removed.view.element, removed.view.count, removed.probability)
-    return Looked(rays, seen.expected.distance, added, removed, (seen.frame.floor, seen.frame.ceiling)), told
+def look_at(
+    prior: Prior, rays: ScanRays, judges: Judges, changes: Sequence[str] = MISMATCH_TYPES
+) -> tuple[Looked, Told | None]:
+    """Both sides of one scan, judged; and what it tells of each element of a building.
+
+    Args:
+        prior: what should be there.
+        rays: of the scan.
+        judges: the models.
+        changes: which of MISMATCH_TYPES is judged; where "removed" is left out, nothing is told of elements.
+    """
+    if prior.has_elements:
+        seen = sight(prior, rays)
+        expected = seen.expected.distance
+    else:
+        seen, expected = compare(prior.cloud, rays), np.full(len(rays.distance), np.inf, np.float32)
+    frame = seen.frame
+    added, removed = (
+        judge(judges, view, frame, change) if change in changes else unjudged(view)
+        for change, view in (("added", seen.robot), ("removed", seen.prior))
+    )
+    looked = Looked(rays, expected, added, removed, (frame.floor, frame.ceiling))
+    if not prior.has_elements or "removed" not in changes:
+        return looked, None
+    return looked, told_of(seen.reached, removed.view.element, removed.view.count, removed.probability)
 
 
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:

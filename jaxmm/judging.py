@@ -35,11 +35,15 @@ class Side(NamedTuple):
         return np.where(self.view.count.any(axis=1), self.view.count.argmax(axis=1), 3).astype(np.uint8)
 
 
+def unjudged(view: View) -> Side:
+    """A view of which no model was asked: nothing is said to have changed."""
+    return Side(view, *np.zeros((2, len(view.points)), np.float32))
+
+
 def judge(judges: Judges, view: View, frame: Frame, change: str) -> Side:
     """What the models for `change` ("added" or "removed") say of a view."""
     if not len(view.points):
-        nothing = np.zeros(0, np.float32)
-        return Side(view, nothing, nothing)
+        return unjudged(view)
     features = features_of(view, frame)
     pillar, wall = (
         predict(pick_model(judges.models, f"{kind}_{change}"), features, judges.network) for kind in ("pillar", "wall")
