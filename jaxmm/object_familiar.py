@@ -32,7 +32,8 @@ def by_size(
     What has a size of the building is likelier of that kind, by how much seldomer other things have it by chance: the
     more sizes a building has, the less each tells. One face as slender as a column tells more, where a wall would show
     no more than its end: a column always looks like that, a wall only from its own line. But it tells nothing where it
-    is as thick as the building's walls, too, and they stand in that direction.
+    is as thick as the building's walls, too, and they stand in that direction. What is seen of a face that goes on
+    unseen is no size.
 
     Args:
         share: (3,) as the judge has them.
@@ -45,9 +46,9 @@ def by_size(
     if pillar is None:
         return share
     is_shaft = candidate.first.circle is not None
-    sizes = np.sort(pillar.edges[list(pillar.measured)])
-    if is_shaft or not len(sizes):
-        sizes = np.array([pillar.edges[0] if is_shaft else candidate.first.face.length])
+    sizes = pillar.edges[:1] if is_shaft else np.sort(pillar.edges[list(pillar.measured)])
+    if not len(sizes):
+        return share
     column = any(_has_section(sizes, one, is_shaft, settings) for one in known.columns)
     # The end of a wall, alone, is no thicker than many a column: its length tells.
     wall = not is_shaft and any(_near(sizes, np.array(one)[-len(sizes) :], settings) for one in known.short_walls)

@@ -12,6 +12,7 @@ from jaxmm.objects import ObjectSettings, examine, find_objects
 from warp_scanner.scenes import CYLINDER
 
 UNSURE = says(0.02, 0.03, 0.95)
+EDGE = np.array([np.cos(np.radians(40.0)), np.sin(np.radians(40.0))])  # of the view, to the left
 COLUMNS = KnownBuilding(columns=((0.3, 0.3, False),))
 
 
@@ -76,6 +77,25 @@ def test_a_side_that_is_made_up_from_a_column_does_not_fit_it():
     known, share = KnownBuilding(columns=((0.3, 0.45, False),)), [0.1, 0.2, 0.7]
     found = moved(judged(wall(2.29, 2.56, 1.85, 0.45, 103.6)), share, known)
     assert found[2] > 0.2
+
+
+def test_what_is_seen_of_a_face_that_leaves_the_view_is_no_size():
+    """As long as a short wall of the building, or as wide as a column, by chance: the view cuts it anywhere."""
+    settings, told_of = ObjectSettings(), 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        distance, width = rng.uniform(1.5, 4.0), rng.uniform(0.7, 1.2)
+        x, y = (distance + width / 2) * EDGE
+        seen = judged(pillar(x, y, width, 40.0))
+        sight, looks, candidates, _ = examine(seen, settings)
+        one = as_all_rays_show(sight, looks, candidates[0], settings.tolerance)
+        if one.crossing is not None or any(solid_of(sight, one, False, settings, KnownBuilding()).measured):
+            continue
+        told_of += 1
+        length, share = one.first.face.length, np.array([0.1, 0.5, 0.4])
+        for known in (KnownBuilding(short_walls=((0.3, length),)), KnownBuilding(columns=((length, length, False),))):
+            np.testing.assert_array_equal(moved(seen, share, known), share)
+    assert told_of >= 30
 
 
 def test_oblong_columns_fit_no_shaft():
