@@ -11,6 +11,7 @@ UPRIGHT = 0.1  # most z of a unit normal
 NEAR = 30.0  # [m] in plan over which a surface counts e times less: wings of a building have grids of their own
 BINS = 90  # over a quarter of a turn
 QUARTER = np.pi / 2
+UNKNOWN = -10.0  # as an angle off the grid, which no angle is
 
 
 class Uprights(NamedTuple):
@@ -58,3 +59,9 @@ def grid_near(uprights: Uprights, place: np.ndarray, floor: float, ceiling: floa
     middle = near[np.searchsorted(total, total[-1] / 2)]  # a wall that is a degree off does not move it
     grid = float((best + 0.5) * step + off[middle]) % QUARTER
     return grid if grid < QUARTER else 0.0  # what is hardly below 0 comes back as a whole quarter turn
+
+
+def off_grid(turn: np.ndarray | float, grid: float) -> np.ndarray:
+    """Angles [deg], 0 to 45, between directions [rad] and the one that a building stands along or across."""
+    off = np.degrees(turn - grid) % 90.0
+    return np.minimum(off, 90.0 - off)

@@ -10,6 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import logit
 
+from jaxmm.building_grid import UNKNOWN, off_grid
+from jaxmm.building_own import Habits
 from jaxmm.object_candidates import Candidate, CandidateSettings
 from jaxmm.object_ends import End, Look, back_of, ends_of
 from jaxmm.object_finish import FAR
@@ -27,9 +29,15 @@ class Opinions(NamedTuple):
     apart: np.ndarray  # (N,) [m] to the surface of the other side
 
 
+class Surroundings(NamedTuple):
+    """What the building is like around a candidate."""
+
+    grid: float | None = None  # [rad] the direction that most of it stands along or across; None where nobody knows
+    habits: Habits = Habits()
+
+
 ONTO = 0.1  # [m] points this close to the other side's surface may be its own
 AROUND = 0.3  # [m]
-UNKNOWN = -10.0  # as an angle, which no angle is
 # Of a shaft, the line through its points is what is called its face here, but for its length and its angle to the grid.
 CLUES = (
     "round",  # 1 for a shaft, else 0
@@ -83,6 +91,7 @@ CLUES = (
     "onto",  # share of them within ONTO of it
     "filled",  # points for each square decimetre from the lowest to the highest, along the first face or the diameter
     "around",  # logarithm of 1 + the other points within AROUND in plan that are farther than ONTO from that surface
+    *(f"own_{name}" for name in Habits._fields),  # what is usual in the building around it
 )  # fmt: skip
 
 
@@ -91,7 +100,7 @@ def clues_of(
     looks: Sequence[Look],
     candidate: Candidate,
     opinions: Opinions,
-    grid: float | None,
+    building: Surroundings,
     settings: CandidateSettings,
 ) -> np.ndarray:
     """The CLUES (F,) of one candidate.
@@ -101,7 +110,7 @@ def clues_of(
         looks: the same, scan by scan.
         candidate: of some of them.
         opinions: of all points.
-        grid: [rad] the direction that most of the building stands along or across; None where nobody knows.
+        building: what it is like there.
         settings: how far is looked.
     """
     first, flat = candidate.first, _flat(sight, candidate.first)
@@ -115,8 +124,9 @@ def clues_of(
         | _of_place(sight, candidate, flat)
     )
     told["off_grid"] = UNKNOWN
-    if first.face is not None and grid is not None:
-        told["off_grid"] = off_grid(first.face.along, grid)
+    if first.face is not None and building.grid is not None:
+        told["off_grid"] = float(off_grid(turn_of(first.face.along), building.grid))
+    told |= {f"own_{name}": value for name, value in building.habits._asdict().items()}
     width = told["span"] if first.face is not None else told["length"]
     told["filled"] = np.exp(told["points"]) / (100.0 * (width + 0.1) * (told["top"] - told["bottom"] + 0.1))
     return np.array([told[name] for name in CLUES])
@@ -223,10 +233,9 @@ def _of_place(sight: Sight, candidate: Candidate, piece: Piece) -> dict[str, flo
     }
 
 
-def off_grid(along: np.ndarray, grid: float) -> float:
-    """The angle [deg], 0 to 45, between a direction (2,) and the one [rad] that a building stands along or across."""
-    turn = np.degrees(np.arctan2(along[1], along[0]) - grid) % 90.0
-    return float(min(turn, 90.0 - turn))
+def turn_of(along: np.ndarray) -> float:
+    """The angle [rad] of a direction (2,)."""
+    return float(np.arctan2(along[1], along[0]))
 
 
 def _around(sight: Sight, members: np.ndarray, apart: np.ndarray) -> int:

@@ -1,12 +1,14 @@
 """Trains the judge of objects on candidates of generated rooms.
 
-    python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors [--rooms 45000] [--draws DIR]
+    python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors [--rooms 30000] [--draws DIR]
 
-K candidates, F clues. What each of them is, is known: the true object whose box holds most of its points. Rooms are of
-both kinds, with and without furniture, with one change, several or none, walls free or against others; priors are
-buildings and clouds, sensors ideal, as built, and spinning; ranges settle first, as in `detect`. A tenth of the rooms
-is kept from training, to say how well it does. Where draws of rooms are kept, the same command goes on with those that
-are missing.
+K candidates, F clues. What each of them is, is known: the true object whose box holds most of its points. The first
+MIXED draws of rooms are of all kinds: small things and large ones, walls free or against others, straight rooms and
+turned ones; priors are buildings and clouds. The others are plain ones, as those that benchmarks measure, so fewer
+rooms than the default are less plain. All of them are with and without furniture, with one change, many or none;
+sensors are ideal, as built, and spinning; ranges that err settle first, as in `detect`. A tenth of the rooms is kept
+from training, to say how well it does. Where draws of rooms are kept, the same command goes on with those that are
+missing.
 """
 
 import argparse
@@ -19,8 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from sklearn.ensemble import GradientBoostingClassifier
 
-from jaxmm.boxes import Box
-from jaxmm.building_grid import QUARTER, Uprights
+from jaxmm.boxes import MISMATCH_TYPES, Box
+from jaxmm.building_grid import QUARTER
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, UNCHANGED
 from jaxmm.detect_files import read_judges
 from jaxmm.detection import look_at
@@ -31,6 +33,7 @@ from jaxmm.mismatches import judged_side
 from jaxmm.object_clues import CLUES
 from jaxmm.object_judge import KINDS, ObjectJudge, judge_objects, save_judge
 from jaxmm.object_shapes import outside
+from jaxmm.object_walls import KnownBuilding
 from jaxmm.objects import ObjectSettings, examine
 from jaxmm.progress import bar_of
 from jaxmm.room_scans import RoomCase, as_cloud, room_cases, true_boxes
@@ -39,19 +42,28 @@ from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import rays_of_scan
 from jaxmm.weights import DEFAULT
 from warp_scanner.cores import worker_pool
+from warp_scanner.scenarios import CROWDED
 
 SEED = 4  # of the rooms: of no other training, validation or test
 AT_ONCE = 20  # rooms of one draw
 ADDING = tuple(name for name in (*SCENARIOS, *MULTI_SCENARIOS) if "removed" not in name or "added" in name)
-SCENES = (*ADDING, UNCHANGED, UNCHANGED)  # against a building nobody looks for removed objects
+SCENES = (*ADDING, *8 * (CROWDED,), *3 * (UNCHANGED,))  # against a building nobody looks for removed objects
 CLOUD_SCENES = (*SCENARIOS, *MULTI_SCENARIOS, UNCHANGED, UNCHANGED)
+MIXED = 410  # draws, the first ones, of all kinds of rooms; the others are plain
 TOUCHING = ("never", "never", "never", "never", "structure", "walls")
 KINDS_OF_ROOM = (*4 * ("varied",), "thesis")
-SENSORS = (*6 * ("oak-d-pro-small",), "oak-d-pro-small-real", "ouster-64")
+IDEAL = "oak-d-pro-small"
+SENSORS = (*6 * (IDEAL,), "oak-d-pro-small-real", "ouster-64")
 CLOUDS = 0.1  # share of draws whose prior is a cloud
-SMALL = 0.3  # and with smaller things too: buildings have pillars below 0.3 m and walls below 1.5 m, the presets none
-SMALL_PILLARS, SMALL_WALLS = (0.15, 0.9), (0.8, 3.5)  # [m] widths of pillars, lengths of changed walls
-ALONG, ANYHOW = 0.2, 0.3  # shares of rooms whose grid is that of a changed object, or any
+SMALL = 0.3  # and with smaller things: buildings have columns below 0.3 m and walls below 1.5 m
+SMALL_WALLS = (0.8, 3.5)  # [m] lengths of changed ones
+SMALL_ROOM = {
+    "pillar_width": (0.15, 0.9), "wall_count_x": (1, 5), "wall_count_y": (1, 5), "wall_least_spacing": 1.0,
+    "wall_randomness": (0.5, 1.0), "wall_density": (0.4, 0.8),
+}  # fmt: skip
+STRAIGHT = 0.4  # and in which all walls and columns stand along the shell, as in most buildings
+STRAIGHT_ROOM = {"wall_rotation": (0.0, 0.0), "pillar_rotation": (0.0, 0.0)}
+ANYHOW = 0.4  # share of those rooms in which what is new is turned against the building
 WITHIN = 0.12  # [m] of a box a point may be off
 ROUNDS, RATE, DEPTH, SHARE, CLUES_AT_ONCE, LEAST = 500, 0.05, 6, 0.7, 10, 40
 KEPT = 10  # every so many draws one is kept from training
@@ -64,24 +76,51 @@ class Examples(NamedTuple):
     kind: np.ndarray  # (K,) int index into KINDS
 
 
-def examples_of_draw(number: int) -> Examples:
-    """The candidates of AT_ONCE rooms that have their settings in common; those are drawn too."""
+class Draw(NamedTuple):
+    """What AT_ONCE rooms have in common, and how each is looked at."""
+
+    scene: str
+    condition: str
+    of_cloud: bool
+    changed: dict[str, Any]  # settings for `room_cases`
+    turned: np.ndarray  # (AT_ONCE,) [rad] added to the directions of each building before clues are taken; 0: as it is
+
+
+def drawn(number: int) -> Draw:
+    """The settings of a draw."""
     draw = np.random.default_rng((SEED, number))
+    return _mixed(draw) if number < MIXED else _plain(draw)
+
+
+def _plain(draw: np.random.Generator) -> Draw:
+    scene, condition, sensor = (str(draw.choice(names)) for names in (SCENES, CONDITIONS, SENSORS))
+    return Draw(scene, condition, False, {"preset": "varied", "sensor": sensor, "room": {}}, np.zeros(AT_ONCE))
+
+
+def _mixed(draw: np.random.Generator) -> Draw:
     of_cloud = bool(draw.random() < CLOUDS)
     scenes = CLOUD_SCENES if of_cloud else SCENES
     scene, condition, kind, sensor, touching = (
         str(draw.choice(names)) for names in (scenes, CONDITIONS, KINDS_OF_ROOM, SENSORS, TOUCHING)
     )
-    changed: dict[str, Any] = {"preset": kind, "sensor": sensor, "touching": touching}
+    changed: dict[str, Any] = {"preset": kind, "sensor": sensor, "touching": touching, "room": {}}
     if of_cloud and condition == "occluded" and draw.random() < 0.5:
         changed["prior_furniture"] = "moved"
     if draw.random() < SMALL:
-        changed |= {"room": {"pillar_width": SMALL_PILLARS}, "wall_length": SMALL_WALLS}
-    rooms, judges = range(number * AT_ONCE, (number + 1) * AT_ONCE), read_judges(DEFAULT)
-    cases = room_cases(scene, condition, SEED, rooms, **changed)
-    return _joined(
-        [_examples_of_room(case, judges, of_cloud, np.random.default_rng((SEED, number, case.row))) for case in cases]
-    )
+        changed |= {"wall_length": SMALL_WALLS, "room": SMALL_ROOM}
+    is_straight = bool(draw.random() < STRAIGHT)
+    if is_straight:
+        changed["room"] = changed["room"] | STRAIGHT_ROOM
+    turned = np.where(draw.random(AT_ONCE) < ANYHOW * is_straight, draw.uniform(0.0, QUARTER, AT_ONCE), 0.0)
+    return Draw(scene, condition, of_cloud, changed, turned)
+
+
+def examples_of_draw(number: int) -> Examples:
+    """The candidates of AT_ONCE rooms."""
+    draw, judges = drawn(number), read_judges(DEFAULT)
+    rooms = range(number * AT_ONCE, (number + 1) * AT_ONCE)
+    cases = room_cases(draw.scene, draw.condition, SEED, rooms, **draw.changed)
+    return _joined([_examples_of_room(case, judges, draw) for case in cases])
 
 
 def kept_draw(folder: Path | None, number: int) -> Examples:
@@ -137,36 +176,33 @@ def _floored(limit: float) -> np.float32:
     return near if near <= limit else np.nextafter(near, np.float32(-np.inf))
 
 
-def _examples_of_room(case: RoomCase, judges: Judges, of_cloud: bool, draw: np.random.Generator) -> Examples:
-    prior = as_cloud(case) if of_cloud else case.prior
+def _examples_of_room(case: RoomCase, judges: Judges, draw: Draw) -> Examples:
+    # Exact ranges stay what they are when they settle.
+    scan = case.scan if draw.changed["sensor"] == IDEAL else settled(case.scan).scan
+    prior, changes = (as_cloud(case), MISMATCH_TYPES) if draw.of_cloud else (case.prior, ("added",))
     try:
-        looked = look_at(prior, rays_of_scan(settled(case.scan).scan), judges)[0]
+        looked = look_at(prior, rays_of_scan(scan), judges, changes)[0]
     except InputError:  # hardly anything of the cloud in view
         return _joined([])
     parts = []
-    for change, sign in (("added", 1), ("removed", -1)) if of_cloud else (("added", 1),):
+    for change in changes:
         judged = judged_side([looked], change)
         if not len(judged.points):
             continue
-        truth = true_boxes(case.pairs, case.row, sign)[0]
-        examined = examine(judged, ObjectSettings(), _turned(prior.known.uprights, truth, draw))
+        known = _turned(prior.known, float(draw.turned[case.row]))
+        examined = examine(judged, ObjectSettings(), known)
+        truth = true_boxes(case.pairs, case.row, 1 if change == "added" else -1)[0]
         kind = [kind_of(examined.sight.points[one.members], truth) for one in examined.candidates]
         parts.append(Examples(examined.clues, np.array(kind, np.int64)))
     return _joined(parts)
 
 
-def _turned(uprights: Uprights | None, truth: list[Box], draw: np.random.Generator) -> Uprights | None:
-    """A building as it is, or turned below what was scanned in it.
-
-    In generated rooms walls are turned by little and pillars by any angle; elsewhere most things stand along the
-    building, and some buildings stand along nothing.
-    """
-    share, angle = draw.random(), draw.uniform(0.0, QUARTER)
-    if uprights is None or not truth or share >= ALONG + ANYHOW:
-        return uprights
-    if share < ALONG:
-        angle = np.radians(truth[draw.integers(len(truth))].rotation)
-    return uprights._replace(turn=(uprights.turn + angle) % QUARTER)
+def _turned(known: KnownBuilding, angle: float) -> KnownBuilding:
+    """A building as if what was scanned in it were turned against it, by an angle [rad]."""
+    if known.uprights is None or known.own is None:
+        return known
+    uprights, own = (one._replace(turn=(one.turn + angle) % QUARTER) for one in (known.uprights, known.own))
+    return known._replace(uprights=uprights, own=own)
 
 
 def kind_of(points: np.ndarray, truth: list[Box]) -> int:
@@ -223,7 +259,7 @@ def main(out: Path, rooms: int, kept_in: Path | None = None) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE")
-    parser.add_argument("--rooms", type=int, default=45_000, metavar="N")
+    parser.add_argument("--rooms", type=int, default=30_000, metavar="N")
     parser.add_argument("--draws", type=Path, metavar="DIR", help="keep what was made of rooms there, to go on from")
     asked = parser.parse_args()
     main(asked.out, asked.rooms, asked.draws)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.building_grid import Uprights
+from jaxmm.building_own import OwnElements
 from jaxmm.object_pieces import Piece, PieceSettings
 from jaxmm.object_shapes import Face
 from jaxmm.object_sight import LEAST_RAYS, Crossings, Sight, crossings, crossings_along, upright_patch
@@ -22,6 +23,7 @@ class KnownBuilding(NamedTuple):
     columns: tuple[tuple[float, float, bool], ...] = ()  # width and depth [m], and whether it is round
     short_walls: tuple[tuple[float, float], ...] = ()  # thickness and length [m] of those that may pass for pillars
     uprights: Uprights | None = None  # its upright surface, which tells the directions that it stands along
+    own: OwnElements | None = None  # each of its walls and columns
 
 
 @dataclasses.dataclass(frozen=True)

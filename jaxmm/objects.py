@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.boxes import Box
-from jaxmm.building_grid import Uprights, grid_near
+from jaxmm.building_grid import grid_near, off_grid
+from jaxmm.building_own import habits_around
 from jaxmm.object_candidates import Candidate, candidates_of
-from jaxmm.object_clues import CLUES, ONTO, Opinions, clues_of, off_grid
+from jaxmm.object_clues import CLUES, ONTO, Opinions, Surroundings, clues_of, turn_of
 from jaxmm.object_ends import Look, as_all_rays_show
 from jaxmm.object_familiar import by_size
 from jaxmm.object_finish import Rays
@@ -112,7 +113,7 @@ def find_objects(
             is not above the floor.
     """
     settings, known = settings or ObjectSettings(), known or KnownBuilding()
-    sight, looks, candidates, clues = examine(judged, settings, known.uprights)
+    sight, looks, candidates, clues = examine(judged, settings, known)
     share = judge_objects(judge or default_judge(), clues)
     allowed = []
     for one, odds in zip(candidates, share, strict=True):
@@ -156,16 +157,17 @@ def _off_grid(sight: Sight, wall: Solid | None, known: KnownBuilding) -> float:
     if wall is None or known.uprights is None:
         return 0.0
     grid = grid_near(known.uprights, wall.center, sight.floor, sight.ceiling)
-    return 0.0 if grid is None else off_grid(wall.along, grid)
+    return 0.0 if grid is None else float(off_grid(turn_of(wall.along), grid))
 
 
-def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None = None) -> Examined:
+def examine(judged: Judged, settings: ObjectSettings, known: KnownBuilding | None = None) -> Examined:
     """What may be an object, and what tells whether it is one.
 
     Args:
         judged: all points of one side.
         settings: what is a candidate.
-        uprights: of the building, which tell the directions that it stands along; None where nobody knows.
+        known: of the building, whose own walls and columns tell how things stand in it, and how large they are; None
+            where nobody knows.
 
     Raises:
         ValueError: as `find_objects`.
@@ -182,12 +184,18 @@ def examine(judged: Judged, settings: ObjectSettings, uprights: Uprights | None 
     candidates = candidates_of(sight, pieces, settings)
 
     @functools.cache
-    def grid_at(x: float, y: float) -> float | None:
-        return grid_near(uprights, np.array([x, y]), sight.floor, sight.ceiling) if uprights is not None else None
+    def around(x: float, y: float) -> Surroundings:
+        return _surroundings(known or KnownBuilding(), np.array([x, y]), sight)
 
     looks = _looks(judged, sight) if candidates else []
-    clues = [clues_of(sight, looks, one, opinions, grid_at(*one.first.origin[:2]), settings) for one in candidates]
+    clues = [clues_of(sight, looks, one, opinions, around(*one.first.origin[:2]), settings) for one in candidates]
     return Examined(sight, looks, candidates, np.array(clues).reshape(-1, len(CLUES)))
+
+
+def _surroundings(known: KnownBuilding, place: np.ndarray, sight: Sight) -> Surroundings:
+    """What a building is like around a place (2,) [m]."""
+    grid = None if known.uprights is None else grid_near(known.uprights, place, sight.floor, sight.ceiling)
+    return Surroundings(grid, habits_around(known.own, place, grid))
 
 
 def _looks(judged: Judged, sight: Sight) -> list[Look]:

@@ -8,14 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.building_grid import uprights_of
+from jaxmm.building_grid import QUARTER, uprights_of
+from jaxmm.building_own import OwnElements
 from jaxmm.inputs import InputError
 from jaxmm.object_shapes import is_round
 from jaxmm.object_walls import KnownBuilding
 from jaxmm.report import PriorFile
 from jaxmm.scan_files import READERS, read_scans
 from jaxmm.scan_units import Distance
-from warp_scanner.building_changes import of_element
+from warp_scanner.building_changes import Change, of_element
 from warp_scanner.building_files import read_building
 from warp_scanner.buildings import AS_IT_IS, Building, ReadOptions, remarks
 from warp_scanner.mesh_files import SUFFIXES
@@ -119,8 +120,9 @@ def _known(building: Building) -> KnownBuilding:
         [of_element(building, int(row)) for row in np.flatnonzero(semantic == kind)] for kind in (WALL, PILLAR)
     )
     thickness = np.round([min(one.size[:2]) for one in walls], 2)
-    sections = [(*sorted(np.round(one.size[:2], 2)), is_round(one.triangles.vertices)) for one in columns]
-    known = [(a, b, bool(rounded)) for a, b, rounded in _frequent(np.array(sections).reshape(-1, 3))]
+    rounded = [is_round(one.triangles.vertices) for one in columns]
+    sections = [(*sorted(np.round(one.size[:2], 2)), circle) for one, circle in zip(columns, rounded, strict=True)]
+    known = [(a, b, bool(circle)) for a, b, circle in _frequent(np.array(sections).reshape(-1, 3))]
     is_wall = (thickness > 0.03) & (thickness < 0.6)
     length = np.array([max(one.size[:2]) for one in walls])
     is_short = is_wall & (length <= SHORT) & (length >= SLENDER * thickness)
@@ -128,7 +130,16 @@ def _known(building: Building) -> KnownBuilding:
     uprights = uprights_of(building.triangles.vertices, building.triangles.faces)
     return KnownBuilding(
         tuple(_frequent(thickness[is_wall])), _usual(thickness[is_wall], length[is_wall]), tuple(known),
-        tuple(map(tuple, _frequent(short))), uprights,
+        tuple(map(tuple, _frequent(short))), uprights, _own(walls, columns, rounded),
+    )  # fmt: skip
+
+
+def _own(walls: list[Change], columns: list[Change], rounded: list[bool]) -> OwnElements:
+    each = [*walls, *columns]
+    return OwnElements(
+        np.arange(len(each)) < len(walls), np.array([False] * len(walls) + rounded, bool),
+        np.array([one.center[:2] for one in each]).reshape(-1, 2),
+        np.radians([one.yaw for one in each]) % QUARTER, np.array([max(one.size[:2]) for one in each]),
     )  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """What tells a pillar, a wall and neither apart: the clues, the trees that weigh them, and how they were grown."""
 
+import hashlib
 import json
 
 import numpy as np
@@ -8,18 +9,28 @@ import safetensors.numpy
 from known_rooms import NO_RAYS, judged, pillar, slab, wall
 
 from jaxmm import object_training
-from jaxmm.boxes import Box
+from jaxmm.boxes import MISMATCH_TYPES, Box
+from jaxmm.building_grid import grid_near
+from jaxmm.building_own import Habits, habits_around
+from jaxmm.detect_files import read_judges
+from jaxmm.detection import look_at
 from jaxmm.inputs import InputError
+from jaxmm.mismatches import judged_side
 from jaxmm.object_candidates import candidates_of
-from jaxmm.object_clues import CLUES, Opinions, clues_of
+from jaxmm.object_clues import CLUES, Opinions, Surroundings, clues_of
 from jaxmm.object_ends import Look
 from jaxmm.object_judge import DEFAULT, KINDS, ObjectJudge, default_judge, judge_objects, load_judge, save_judge
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import Circle, face_through, outside
 from jaxmm.object_sight import Sight
 from jaxmm.object_solids import SolidSettings
-from jaxmm.object_training import Examples, boosted_trees, examples_of_draw, fit, kind_of
+from jaxmm.object_training import SMALL_ROOM, STRAIGHT_ROOM, Examples, boosted_trees, examples_of_draw, fit, kind_of
 from jaxmm.objects import ObjectSettings, examine
+from jaxmm.room_scans import room_cases
+from jaxmm.scan_noise import settled
+from jaxmm.scan_rays import rays_of_scan
+from jaxmm.weights import DEFAULT as WEIGHTS
+from warp_scanner.scenarios import CROWDED
 from warp_scanner.scenes import CYLINDER
 
 
@@ -111,7 +122,10 @@ def test_the_shipped_judge_is_the_one_that_its_card_tells_of():
     judge, card = load_judge(DEFAULT), (DEFAULT.parent / "README.md").read_text()
     assert judge.leaf.shape == (object_training.ROUNDS, len(KINDS), 2**object_training.DEPTH)
     with safetensors.safe_open(DEFAULT, framework="numpy") as file:
-        rooms, kept = int(file.metadata()["rooms"]), json.loads(file.metadata()["kept"])
+        metadata = file.metadata()
+    rooms, kept = int(metadata["rooms"]), json.loads(metadata["kept"])
+    assert metadata["seed"] == str(object_training.SEED)
+    assert metadata["models"] == hashlib.sha256(WEIGHTS.read_bytes()).hexdigest()
     told = [f"{rooms:,} rooms", f"{kept['candidates']:,} candidates", f"{len(CLUES)} clues"]
     told += [f"{object_training.ROUNDS} rounds, {object_training.DEPTH} deep"]
     told += [f"{kept[name]:.3f}" for name in ("precision", "recall", "right_type")]
@@ -145,8 +159,11 @@ def test_clues_of_a_face_are_its_length_height_distance_and_angles():
     piece, sight = seen_from(points, np.arange(50))
     opinions = Opinions(np.full(50, 0.5), np.full(50, 0.9), np.repeat([0.05, 0.6], 25))
     (one,) = candidates_of(sight, [piece], SolidSettings())
-    looks = [Look(sight, None, NO_RAYS)]
-    told = dict(zip(CLUES, clues_of(sight, looks, one, opinions, np.radians(20.0), SolidSettings()), strict=True))
+    looks, building = (
+        [Look(sight, None, NO_RAYS)],
+        Surroundings(np.radians(20.0), Habits(2.0, 1.6, 1.0, 0.3, 0.5, 7.0, 2.0)),
+    )
+    told = dict(zip(CLUES, clues_of(sight, looks, one, opinions, building, SolidSettings()), strict=True))
     expected = {
         "round": 0, "length": 1.0, "span": 1.0, "side": 0, "pieces": 1, "points": np.log(50), "pillar": 0,
         "wall": np.log(9), "top": 1.7, "bottom": 0.2, "left": 1.3, "range": 2.0, "slant": 0, "off_grid": 20,
@@ -154,7 +171,8 @@ def test_clues_of_a_face_are_its_length_height_distance_and_angles():
         "near_goes_on": 3.0, "far_goes_on": 3.0, "longest": 7.0, "thin": 0, "flat": 0, "bulge": 0, "bearing": 0,
         "beyond": -0.5, "near_deep": 3.0, "far_deep": 3.0,
         "back": 3.0, "near_in_view": 3.0, "far_in_view": 3.0, "wall_share": 1, "pillar_spread": 0,
-        "wall_spread": 0, "apart_least": 0.05,
+        "wall_spread": 0, "apart_least": 0.05, "own_walls": 2.0, "own_shortest": 1.6, "own_columns": 1.0,
+        "own_slimmest": 0.3, "own_widest": 0.5, "own_columns_askew": 7.0, "own_walls_askew": 2.0,
     }  # fmt: skip
     assert {name: told[name] for name in expected} == pytest.approx(expected, abs=1e-9)
     assert told["apart"] == pytest.approx(0.325)
@@ -171,7 +189,7 @@ def test_clues_of_a_shaft_are_its_diameter_and_arc():
     (one,) = candidates_of(sight, [piece], SolidSettings())
     opinions = Opinions(*np.full((3, 40), 0.5))
     looks = [Look(sight, None, NO_RAYS)]
-    told = dict(zip(CLUES, clues_of(sight, looks, one, opinions, 0.0, SolidSettings()), strict=True))
+    told = dict(zip(CLUES, clues_of(sight, looks, one, opinions, Surroundings(0.0), SolidSettings()), strict=True))
     assert (told["round"], told["length"], told["arc"]) == pytest.approx((1.0, 0.6, np.pi))
     # What is told of a face is told of the line through its points: its ends, and how far off they are.
     assert told["bulge"] == pytest.approx(0.3 * 2.0 / np.pi, abs=0.01)
@@ -200,12 +218,109 @@ def test_places_are_outside_of_a_rectangle_by_the_axis_that_they_are_furthest_on
 
 def test_rooms_of_a_draw_give_the_same_candidates_each_time_and_all_kinds_among_them(monkeypatch):
     monkeypatch.setattr(object_training, "AT_ONCE", 3)
-    draws = [examples_of_draw(number) for number in (0, 1, 2, 3)]
+    draws = [examples_of_draw(number) for number in (0, 1, 2, object_training.MIXED + 1)]
     again = examples_of_draw(1)
     np.testing.assert_array_equal(draws[1].clues, again.clues)
     np.testing.assert_array_equal(draws[1].kind, again.kind)
     assert all(np.isfinite(draw.clues).all() and draw.clues.shape == (len(draw.kind), len(CLUES)) for draw in draws)
     assert len(set(np.concatenate([draw.kind for draw in draws]).tolist())) > 1
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.5])
+def test_a_building_that_is_turned_keeps_its_habits(angle):
+    place, heights = np.zeros(2), (-1.0, 1.0)
+    for case in room_cases("pillar_added", "clean", 6, range(20)):
+        known = case.prior.known
+        turned = object_training._turned(known, angle)
+        before, after = (grid_near(one.uprights, place, *heights) for one in (known, turned))
+        off = (after - before - angle + np.pi / 4) % (np.pi / 2) - np.pi / 4
+        assert abs(off) < np.radians(1.1)  # the grid is the median of walls within a degree
+        usual, same = (habits_around(one.own, place, grid) for one, grid in ((known, before), (turned, after)))
+        assert same[:5] == usual[:5] and same[5:] == pytest.approx(usual[5:], abs=1.1)
+
+
+@pytest.mark.parametrize("scene", ["pillar_and_wall_added", "all_four"])
+def test_what_is_learnt_of_added_things_is_what_detect_sees(scene):
+    """The side of the prior's points is left out, and nothing else; exact ranges stay what they are."""
+    judges = read_judges(WEIGHTS)
+    for case in room_cases(scene, "occluded", 6, range(3), sensor=object_training.IDEAL):
+        assert settled(case.scan).scan is case.scan
+        rays = rays_of_scan(case.scan)
+        (whole, told), (added, nothing) = (
+            look_at(case.prior, rays, judges, one) for one in (MISMATCH_TYPES, ("added",))
+        )
+        assert told is not None and nothing is None and not added.removed.probability.any()
+        seen, expected = (judged_side([one], "added") for one in (added, whole))
+        for field in ("points", "pillar", "wall", "apart", "sensor", "floor", "ceiling", "scan", "over"):
+            np.testing.assert_array_equal(getattr(seen, field), getattr(expected, field))
+        np.testing.assert_array_equal(seen.rays[0].distance, expected.rays[0].distance)
+
+
+def test_the_first_rooms_to_learn_from_are_mixed():
+    """Small things go with small ones of the building; in some straight buildings what is new is turned."""
+    draws = [object_training.drawn(number) for number in range(object_training.MIXED)]
+    rooms = [draw.changed["room"] for draw in draws]
+    small, straight = (np.array([name in room for room in rooms]) for name in ("pillar_width", "wall_rotation"))
+    assert [bool(one) for one in small] == ["wall_length" in draw.changed for draw in draws]
+    turned, angle = np.array([np.mean(draw.turned > 0.0) for draw in draws]), np.stack([one.turned for one in draws])
+    assert not turned[~straight].any() and angle.min() >= 0.0 and 1.4 < angle.max() < np.pi / 2
+    assert small.mean() == pytest.approx(object_training.SMALL, abs=0.05)
+    assert straight.mean() == pytest.approx(object_training.STRAIGHT, abs=0.05)
+    assert np.mean([draw.of_cloud for draw in draws]) == pytest.approx(object_training.CLOUDS, abs=0.03)
+    assert turned[straight].mean() == pytest.approx(object_training.ANYHOW, abs=0.05)
+    assert {draw.changed["preset"] for draw in draws} == {"varied", "thesis"}
+
+
+def test_the_other_rooms_to_learn_from_are_plain():
+    draws = [object_training.drawn(number) for number in range(object_training.MIXED, object_training.MIXED + 400)]
+    for draw in draws:
+        assert draw.changed.keys() == {"preset", "sensor", "room"} and draw.changed["preset"] == "varied"
+        assert draw.changed["room"] == {} and not draw.of_cloud and not draw.turned.any()
+    crowded = np.mean([draw.scene == CROWDED for draw in draws])
+    assert crowded == pytest.approx(8 / len(object_training.SCENES), abs=0.08)
+
+
+def test_small_rooms_have_short_walls_and_slim_columns_and_straight_ones_stand_along_their_shell():
+    """Of `varied` rooms at least half have no wall below 1.5 m, of the small ones at least half have some."""
+    shortest, widest, askew = {}, {}, {}
+    for name, room in (("as it is", {}), ("small", SMALL_ROOM), ("straight", STRAIGHT_ROOM)):
+        cases = room_cases("unchanged", "clean", 6, range(40), room=room)
+        usual = [habits_around(case.prior.known.own, np.zeros(2), 0.0) for case in cases]
+        shortest[name] = np.median([one.shortest for one in usual])
+        widest[name] = max(one.widest for one in usual)
+        askew[name] = max(max(one.walls_askew, one.columns_askew) for one in usual)
+    assert shortest["small"] < 1.5 < shortest["as it is"]
+    assert widest["small"] <= 0.901 < widest["as it is"]
+    assert 0.0 <= askew["straight"] < 0.01 and askew["as it is"] > 10.0
+
+
+def test_what_is_turned_is_the_building_below_what_is_new(monkeypatch):
+    """The angles of faces to the building change by what is drawn, and nothing that does not hang on them."""
+    monkeypatch.setattr(object_training, "AT_ONCE", 4)
+    judges, number = read_judges(WEIGHTS), object_training.MIXED + 1
+    draw = object_training.drawn(number)
+    case = next(room_cases("wall_added", "clean", 6, range(1), sensor=object_training.IDEAL))
+    angle = np.radians(10.0)
+    as_it_is, turned = (
+        object_training._examples_of_room(case, judges, draw._replace(turned=np.full(4, one))).clues
+        for one in (0.0, angle)
+    )
+    off = CLUES.index("off_grid")
+    assert len(as_it_is) and np.all(as_it_is[:, off] >= 0.0)
+    assert np.abs(turned[:, off] - as_it_is[:, off]).max() > 5.0
+    others = [place for place, name in enumerate(CLUES) if name != "off_grid" and not name.endswith("askew")]
+    np.testing.assert_array_equal(turned[:, others], as_it_is[:, others])
+
+
+def test_of_clouds_what_was_removed_is_learnt_too(monkeypatch):
+    monkeypatch.setattr(object_training, "AT_ONCE", 2)
+    judges, draw = read_judges(WEIGHTS), object_training.drawn(object_training.MIXED + 1)
+    case = next(room_cases("pillar_removed", "clean", 6, range(1), sensor=object_training.IDEAL))
+    of_building, of_cloud = (
+        object_training._examples_of_room(case, judges, draw._replace(of_cloud=one)) for one in (False, True)
+    )
+    assert not of_building.kind.any() and KINDS.index("pillar") in of_cloud.kind
+    assert np.all(of_cloud.clues[:, CLUES.index("own_walls")] == 0.0)
 
 
 def test_a_draw_that_is_kept_is_read_and_not_made_again(monkeypatch, tmp_path):
