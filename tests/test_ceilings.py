@@ -137,7 +137,7 @@ POST = slab((2.0, 0.1), (0.68, 0.39), 0.0, 3.0)  # hides most of a wall's end
     "changed, others",
     [
         *((changed, ()) for changed in SCENES),
-        ((pillar(3.5, 0.0, 0.5), wall(4.2, 1.2, 1.0, 0.2, 90)), (BEAM,)),
+        ((pillar(3.5, 0.0, 0.5), wall(4.2, 1.4, 1.8, 0.2, 90)), (BEAM,)),
         ((wall(4.2, 0.0, 4.0, 0.2, 90),), (POST,)),
     ],
 )
