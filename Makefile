@@ -35,7 +35,7 @@ setup: .venv/current
 setup-peers: setup
 	$(PIP) install -c requirements.lock -e '.[peers]'
 
-# The default models, from nothing: 20 minutes, and what judges objects, which learns from what they say: one and a half hours.
+# The default models, from nothing: 20 minutes, and what judges objects, which learns from what they say: one and a quarter hours.
 # The run folder holds how the models came about, the file of the judge how it did.
 weights: setup
 	$(BIN)/jaxmm train configs/weights.toml --out runs/weights
