@@ -16,7 +16,7 @@ from jaxmm.object_candidates import Candidate, CandidateSettings
 from jaxmm.object_ends import End, Look, back_of, ends_of
 from jaxmm.object_finish import FAR
 from jaxmm.object_pieces import Piece, front_of
-from jaxmm.object_shapes import face_through
+from jaxmm.object_shapes import face_through, turn_of
 from jaxmm.object_sight import Patch, Sight, crossings
 from jaxmm.object_walls import reach, seen_thin
 
@@ -30,7 +30,7 @@ class Opinions(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What the building is like around a candidate."""
+    """What the building is like around the sensor that saw a candidate."""
 
     grid: float | None = None  # [rad] the direction that most of it stands along or across; None where nobody knows
     habits: Habits = Habits()
@@ -91,7 +91,7 @@ CLUES = (
     "onto",  # share of them within ONTO of it
     "filled",  # points for each square decimetre from the lowest to the highest, along the first face or the diameter
     "around",  # logarithm of 1 + the other points within AROUND in plan that are farther than ONTO from that surface
-    *(f"own_{name}" for name in Habits._fields),  # what is usual in the building around it
+    *(f"own_{name}" for name in Habits._fields),  # what is usual in the building, see Habits
 )  # fmt: skip
 
 
@@ -231,11 +231,6 @@ def _of_place(sight: Sight, candidate: Candidate, piece: Piece) -> dict[str, flo
         "slant": abs(float(face.along @ away)) / distance,
         "bearing": float(np.degrees(np.arctan2(along, across))),
     }
-
-
-def turn_of(along: np.ndarray) -> float:
-    """The angle [rad] of a direction (2,)."""
-    return float(np.arctan2(along[1], along[0]))
 
 
 def _around(sight: Sight, members: np.ndarray, apart: np.ndarray) -> int:

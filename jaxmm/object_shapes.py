@@ -103,6 +103,11 @@ def circle_through(places: np.ndarray, tolerance: float) -> Circle | None:
     return Circle(center, radius, on, _covered(places[on] - center))
 
 
+def turn_of(along: np.ndarray) -> float:
+    """The angle [rad] of a direction (2,), counter-clockwise from x."""
+    return float(np.arctan2(along[1], along[0]))
+
+
 def rectangle_along(places: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Centre (2,) and edges (2,) [m], along a unit vector and across it, of the rectangle around points (n, 2)."""
     axes = np.stack([along, [-along[1], along[0]]])

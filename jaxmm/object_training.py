@@ -6,7 +6,7 @@ K candidates, F clues. What each of them is, is known: the true object whose box
 MIXED draws of rooms are of all kinds: small things and large ones, walls free or against others, straight rooms and
 turned ones; priors are buildings and clouds. The others are plain ones, as those that benchmarks measure, so fewer
 rooms than the default are less plain. All of them are with and without furniture, with one change, many or none;
-sensors are ideal, as built, and spinning; ranges that err settle first, as in `detect`. A tenth of the rooms is kept
+sensors are ideal, as built, and spinning; ranges settle first, as in `detect`. A tenth of the rooms is kept
 from training, to say how well it does. Where draws of rooms are kept, the same command goes on with those that are
 missing.
 """
@@ -52,8 +52,7 @@ CLOUD_SCENES = (*SCENARIOS, *MULTI_SCENARIOS, UNCHANGED, UNCHANGED)
 MIXED = 410  # draws, the first ones, of all kinds of rooms; the others are plain
 TOUCHING = ("never", "never", "never", "never", "structure", "walls")
 KINDS_OF_ROOM = (*4 * ("varied",), "thesis")
-IDEAL = "oak-d-pro-small"
-SENSORS = (*6 * (IDEAL,), "oak-d-pro-small-real", "ouster-64")
+SENSORS = (*6 * ("oak-d-pro-small",), "oak-d-pro-small-real", "ouster-64")
 CLOUDS = 0.1  # share of draws whose prior is a cloud
 SMALL = 0.3  # and with smaller things: buildings have columns below 0.3 m and walls below 1.5 m
 SMALL_WALLS = (0.8, 3.5)  # [m] lengths of changed ones
@@ -177,11 +176,9 @@ def _floored(limit: float) -> np.float32:
 
 
 def _examples_of_room(case: RoomCase, judges: Judges, draw: Draw) -> Examples:
-    # Exact ranges stay what they are when they settle.
-    scan = case.scan if draw.changed["sensor"] == IDEAL else settled(case.scan).scan
     prior, changes = (as_cloud(case), MISMATCH_TYPES) if draw.of_cloud else (case.prior, ("added",))
     try:
-        looked = look_at(prior, rays_of_scan(scan), judges, changes)[0]
+        looked = look_at(prior, rays_of_scan(settled(case.scan).scan), judges, changes)[0]
     except InputError:  # hardly anything of the cloud in view
         return _joined([])
     parts = []
@@ -199,7 +196,7 @@ def _examples_of_room(case: RoomCase, judges: Judges, draw: Draw) -> Examples:
 
 def _turned(known: KnownBuilding, angle: float) -> KnownBuilding:
     """A building as if what was scanned in it were turned against it, by an angle [rad]."""
-    if known.uprights is None or known.own is None:
+    if known.uprights is None:
         return known
     uprights, own = (one._replace(turn=(one.turn + angle) % QUARTER) for one in (known.uprights, known.own))
     return known._replace(uprights=uprights, own=own)

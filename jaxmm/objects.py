@@ -18,13 +18,14 @@ from jaxmm.boxes import Box
 from jaxmm.building_grid import grid_near, off_grid
 from jaxmm.building_own import habits_around
 from jaxmm.object_candidates import Candidate, candidates_of
-from jaxmm.object_clues import CLUES, ONTO, Opinions, Surroundings, clues_of, turn_of
+from jaxmm.object_clues import CLUES, ONTO, Opinions, Surroundings, clues_of
 from jaxmm.object_ends import Look, as_all_rays_show
 from jaxmm.object_familiar import by_size
 from jaxmm.object_finish import Rays
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.object_levels import levels_of
 from jaxmm.object_pieces import joined, pieces_of, upright
+from jaxmm.object_shapes import turn_of
 from jaxmm.object_sight import Sight, sensors_of
 from jaxmm.object_solids import SolidSettings, solid_of, without_splinters
 from jaxmm.object_view import view_of
@@ -172,6 +173,7 @@ def examine(judged: Judged, settings: ObjectSettings, known: KnownBuilding | Non
     Raises:
         ValueError: as `find_objects`.
     """
+    known = known or KnownBuilding()
     sight, opinions = _checked(judged)
     probability, z = np.maximum(opinions.pillar, opinions.wall), sight.points[:, 2]
     ceiling = sight.ceiling if sight.over is None else sight.over
@@ -185,7 +187,7 @@ def examine(judged: Judged, settings: ObjectSettings, known: KnownBuilding | Non
 
     @functools.cache
     def around(x: float, y: float) -> Surroundings:
-        return _surroundings(known or KnownBuilding(), np.array([x, y]), sight)
+        return _surroundings(known, np.array([x, y]), sight)
 
     looks = _looks(judged, sight) if candidates else []
     clues = [clues_of(sight, looks, one, opinions, around(*one.first.origin[:2]), settings) for one in candidates]
@@ -219,7 +221,7 @@ def _rays_to(sight: Sight) -> Rays:
 
 def _found(sight: Sight, solid: Solid, settings: ObjectSettings) -> Found:
     low, high, upright = levels_of(sight.under(solid.members), solid, settings)
-    turn = float(np.degrees(np.arctan2(solid.along[1], solid.along[0])))
+    turn = float(np.degrees(turn_of(solid.along)))
     box = Box(
         solid.object_type,
         np.array([*solid.center, (low + high) / 2]),
