@@ -28,6 +28,7 @@ SAMPLED = 6000  # rays that tell of the noise
 AROUND = 0.5  # [m] within which ranges may err
 EXACT = 2.5e-5  # [m] from a plane, of a fifth of the rays that tell: as with a normal error of 0.1 mm
 LEAST_EXACT = 0.2  # share of these rays, for much of a room may be round
+COARSE = 2e-4  # [m] steps of coordinates: in coarser ones walls along the axes are flat, however their ranges err
 MOST_EXACT = 1e-3  # [m] noise of an exact scan: ranges in steps, as of a stereo camera, have equal ones too
 LEAST_POINTS = 1000  # of a scan that tells what its sensor does
 AT_ONCE = 8192  # rays, whose neighbours fit into a core's cache
@@ -59,8 +60,10 @@ def settled(scan: PosedScan) -> Settled:
     tree = small_gicp.KdTree(direction, num_threads=thread_count(None))
     off, of = _off_planes(tree, direction, reach)
     noise = noise_of(off, np.ones(len(off)), of)
-    sigma = float(sigma_at(noise, np.median(reach)))
-    if not len(off) or (sigma < MOST_EXACT and np.quantile(np.abs(off), LEAST_EXACT) < EXACT):
+    step = step_of(points)
+    sigma = max(float(sigma_at(noise, np.median(reach))), step / np.sqrt(12.0) if step > COARSE else 0.0)
+    may_be_exact = step <= COARSE and sigma < MOST_EXACT
+    if not len(off) or (may_be_exact and np.quantile(np.abs(off), LEAST_EXACT) < EXACT):
         return Settled(scan, 0.0, 0.0)
     near = nearest_rays(tree, direction, NEIGHBOURS)
     distance = _distances(direction, reach, sigma_at(noise, reach), near)
@@ -111,6 +114,19 @@ def _trailing(
     rows = np.concatenate([part[few_alike(part)] for part in np.array_split(rows, len(rows) // AT_ONCE + 1)])
     found = on_planes(direction, distance, margin, near[rows], rows)
     return rows[found.support < LEAST_AROUND]
+
+
+def step_of(points: np.ndarray) -> float:
+    """The step [m] that coordinates (N, 3) [m] are rounded to, as in a file of millimetres; about 0 where they are not.
+
+    Told from the closest that two of them come to each other, other than by the error of float32.
+    """
+    steps = []
+    for values in points.T:
+        gaps = np.diff(np.sort(values))
+        gaps = gaps[gaps > 2.0 * np.spacing(np.float32(np.abs(values).max()))]
+        steps.append(gaps.min(initial=np.inf))
+    return float(min(steps)) if np.isfinite(steps).any() else 0.0
 
 
 def nearest_rays(tree: small_gicp.KdTree, direction: np.ndarray, count: int) -> np.ndarray:

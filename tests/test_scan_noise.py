@@ -17,7 +17,7 @@ from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, _settled, detect_scans
 from jaxmm.report import box_of
 from jaxmm.room_scans import room_cases, true_boxes
-from jaxmm.scan_noise import LEAST_POINTS, nearest_rays, settled
+from jaxmm.scan_noise import LEAST_POINTS, nearest_rays, settled, step_of
 from jaxmm.scan_rays import MOST_RAYS, PosedScan
 from jaxmm.weights import DEFAULT
 from warp_scanner.scenes import join
@@ -82,6 +82,29 @@ def test_an_exact_scan_may_be_rounded_to_a_tenth_of_a_millimetre(room, grid, exa
     rounded = scan._replace(points=(np.round(turned / grid) * grid).astype(np.float32))
     found = settled(rounded)
     assert (found.scan is rounded) == exact == (found.sigma == 0.0)
+
+
+@pytest.mark.parametrize("origin", [0.0, 37.4567891])
+@pytest.mark.parametrize("step", [0.01, 1e-3, 5e-4])
+def test_how_ranges_err_shows_in_a_file_of_millimetres_too(room, step, origin):
+    """Walls along the axes are flat to the bit there, and trails behind edges are left out all the same."""
+    direction, reach = room
+    ranges, hangs = mixed(reach + 4e-4 * np.random.default_rng(0).standard_normal(len(reach)))
+    scan = scan_of(direction, ranges)
+    places = scan.points.astype(np.float64) + origin
+    rounded = scan._replace(points=(np.round(places / step) * step - origin).astype(np.float32))
+    found = settled(rounded)
+    assert found.sigma == pytest.approx(max(4e-4, step / np.sqrt(12.0)), rel=0.6)
+    left, expected = (np.sum(np.abs(off(one.scan, direction, reach)) > 0.1) for one in (found, settled(scan)))
+    assert hangs.sum() > 300 and left <= 1.3 * expected + 20
+
+
+@pytest.mark.parametrize("step", [0.0, 1e-4, 1e-3, 0.003])
+def test_the_step_of_coordinates_is_told(room, step):
+    points = scan_of(*room).points.astype(np.float64)
+    found = step_of(points if step == 0.0 else (np.round(points / step) * step).astype(np.float32).astype(np.float64))
+    assert found < 2e-5 if step == 0.0 else found == pytest.approx(step, rel=0.05)
+    assert step_of(np.ones((5, 3))) == 0.0
 
 
 def test_ranges_in_steps_of_a_stereo_camera_are_not_exact(room):
