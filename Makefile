@@ -2,6 +2,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+# As a path: with a finder Python takes a clone called jaxmm, right below where one is, for the package itself.
+EDITABLE := --config-settings editable_mode=compat -e
 
 .PHONY: demo paper report test setup setup-peers weights lint bench fuzz clean
 
@@ -28,12 +30,12 @@ setup: .venv/current
 	@$(PYTHON) -c 'import sys; v = sys.version_info; v >= (3, 11) or sys.exit("jaxmm needs Python >= 3.11, got %d.%d; try make PYTHON=python3.11" % v[:2])'
 	$(PYTHON) -m venv .venv
 	$(PIP) install -r requirements.lock
-	$(PIP) install --no-deps --no-build-isolation -e .
+	$(PIP) install --no-deps --no-build-isolation $(EDITABLE) .
 	@touch $@
 
 # Open3D and PyTorch, the benchmarks' opponents and the tests' witnesses; large, and never needed to use jaxmm.
 setup-peers: setup
-	$(PIP) install -c requirements.lock -e '.[peers]'
+	$(PIP) install -c requirements.lock $(EDITABLE) '.[peers]'
 
 # The default models, from nothing: 20 minutes, and what judges objects, which learns from what they say: one and a quarter hours.
 # The run folder holds how the models came about, the file of the judge how it did.

@@ -27,7 +27,7 @@ from jaxmm.scan_files import PointScan, read_scans
 from jaxmm.scan_places import OwnScan, fitting_prior, lay, own_scan
 from jaxmm.scan_poses import GivenPose
 from jaxmm.scan_rays import PosedScan
-from jaxmm.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other
+from jaxmm.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
 from jaxmm.weights import DEFAULT
 from warp_scanner.building_poses import inside
 from warp_scanner.buildings import ReadOptions, bounds
@@ -192,6 +192,9 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
     if pose is not None:
         view = (sensor.horizontal_fov, sensor.vertical_fov) if isinstance(sensor, Pinhole) else None
         doubts = doubts_about(points, thin, *pose, view)
+        # Files of scanners that look around say nothing by how they are turned.
+        if view is None and source == "given" and is_turned_away(thin, *pose):
+            doubts.append("hardly any of its points lies before the sensor, as it is turned: is its yaw right?")
     else:
         camera = sensor or OAK_D_PRO
         if not isinstance(camera, Pinhole):

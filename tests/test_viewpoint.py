@@ -12,7 +12,7 @@ from jaxmm.inputs import InputError
 from jaxmm.preprocess import voxel_downsample
 from jaxmm.room_scans import room_cases
 from jaxmm.scan_rays import overtaken
-from jaxmm.viewpoint import doubts_about, estimate, estimate_by_other
+from jaxmm.viewpoint import doubts_about, estimate, estimate_by_other, is_turned_away
 from warp_scanner.pairs import PRESETS, make_pairs
 from warp_scanner.points import points_of
 from warp_scanner.voxels import thin_clouds
@@ -278,6 +278,35 @@ def test_a_pose_that_the_points_contradict_is_doubted_and_the_true_one_is_not():
             doubts_about(scan.points, thin, scan.position + np.array([1.5, -1.5, 0.0]), scan.rotation, view)
         )
     assert doubted > 8
+
+
+@pytest.mark.parametrize("preset", ["varied", "thesis"])
+def test_a_place_half_a_metre_off_is_doubted_and_the_true_one_is_told(preset):
+    rng, doubted, off = np.random.default_rng(0), 0, []
+    for case in room_cases("pillar_added", "occluded", 23, range(24), preset=preset):
+        scan = case.scan
+        thin = scan.points[thin_clouds([scan.points], 0.1)[0]]
+        view = scan.sensor.horizontal_fov, scan.sensor.vertical_fov
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        aside = np.array([np.cos(angle), np.sin(angle), 0.0])
+        assert doubts_about(scan.points, thin, scan.position + 0.05 * aside, scan.rotation, view) == []
+        doubts = doubts_about(scan.points, thin, scan.position + 0.6 * aside, scan.rotation, view)
+        doubted += bool(doubts)
+        if told := re.search(r"view from (.+) m, (\d\.\d\d) m from its pose", " ".join(doubts)):
+            place = np.array([float(value) for value in told[1].split(",")])
+            off.append(np.linalg.norm(place - scan.position))
+            assert float(told[2]) == pytest.approx(np.linalg.norm(place - scan.position - 0.6 * aside), abs=0.02)
+    assert doubted >= 20 and len(off) >= 15 and np.median(off) < 0.05
+
+
+def test_a_scan_is_turned_away_where_nothing_of_it_lies_ahead():
+    rng = np.random.default_rng(0)
+    around = rng.normal(size=(500, 3))
+    ahead, place = np.abs(around) + np.eye(3)[0], np.array([3.0, -2.0, 1.0])
+    back = np.diag([-1.0, -1.0, 1.0])
+    assert is_turned_away(ahead + place, place, back) and not is_turned_away(ahead + place, place, np.eye(3))
+    assert not is_turned_away(around + place, place, back)  # a sensor that looks around
+    assert not is_turned_away(ahead[:0], place, back)
 
 
 def behind_bars(rays, seed):
