@@ -9,6 +9,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
@@ -25,6 +26,10 @@ WRITERS = (
     "detect",
     "revert",
 )  # commands for which a file that cannot be written is the user's to put right
+_AGAIN = "the same command again goes on"
+GOES_ON = {  # what to say of an interrupted command that keeps what it has done; others write all at their end
+    "reproduce": _AGAIN, "generate": _AGAIN, "evaluate": _AGAIN, "train": "the same command with --resume goes on",
+}  # fmt: skip
 FEW_RETURNS = 0.05  # share of rays below which a scan is hardly one
 SCAN_SENSORS = (
     "oak-d-pro (default), oak-d-pro-small, velodyne-16, ouster-64 or tls, ideal within its range; with -real behind "
@@ -68,8 +73,7 @@ def _run(options: argparse.Namespace) -> int:
     try:
         options.run(options)
     except KeyboardInterrupt:
-        again = "the same command with --resume" if options.command == "train" else "the same command again"
-        return _failed(options, f"interrupted; {again} goes on", 1)
+        return _failed(options, f"interrupted; {GOES_ON.get(options.command, 'nothing was written')}", 1)
     except InputError as error:
         return _failed(options, str(error), 2)
     except OSError as error:
@@ -102,6 +106,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="jaxmm", description="What was added, removed or hidden, from one scan.")
+    parser.add_argument("--version", action="version", version=f"jaxmm {version('jaxmm')}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     command = _command(commands, "reproduce", _reproduce, "jaxmm reproduce configs/demo.toml")
@@ -262,6 +267,8 @@ def _scan(options: argparse.Namespace) -> None:
 
     clouds.check_format(options.out)
     check_writable(options.out, "--out")
+    if options.out.exists():
+        raise InputError(f"--out: {options.out}: expected the name of a new file, found one that is there")
     if not 0 <= options.seed < 2**63:
         raise InputError(f"--seed: expected at least 0 and below 2^63, got {options.seed}")
     position, yaw, pitch = parse_pose(options.pose)

@@ -11,16 +11,17 @@ POSES = (
     "says, else it is estimated"
 )
 SENSORS = (
-    "oak-d-pro, oak-d-pro-small, velodyne-16, ouster-64, tls, or a TOML file: says what was in view without a return; "
-    "default: the view that the points span"
+    "oak-d-pro, oak-d-pro-small, velodyne-16, ouster-64, tls, also with -real behind the name, or a TOML file: says "
+    "what was in view without a return; default: the view that the points span"
 )
 FRAMES = (
     "of the scans' points: the prior's (default), or the sensor's (x forward, y left, z up): then they are moved to "
     "--pose, or else to the pose in their file"
 )
+UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
 CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
 SETTINGS = (
-    'any field of jaxmm/detect_settings.py, as TOML: classes = ["wall"], or in a table: [objects] threshold = 0.4'
+    'any field of jaxmm/detect_settings.py, as TOML: classes = ["wall"], or of a table in it: objects.threshold = 0.4'
 )
 
 
@@ -29,7 +30,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("prior", type=Path, metavar="PRIOR", help="building model: .ifc, a mesh, or a point cloud")
     command.add_argument(
         "scans", type=Path, nargs="+", metavar="SCAN",
-        help=".ply, .pcd, .e57, .las, .laz, .csv, .npy, .npz or .xyz; E57 may hold several",
+        help=".ply, .pcd, .e57, .las, .laz, .csv, .npy, .npz, .xyz, .txt or .asc; E57 may hold several",
     )  # fmt: skip
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the reports")
     command.add_argument(
@@ -43,7 +44,9 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
     command.add_argument("--frame", choices=("world", "sensor"), default="world", help=FRAMES)
-    command.add_argument("--unit", type=float, metavar="METRES", help="of the scans; default: told by how they fit")
+    command.add_argument(
+        "--unit", type=float, metavar="METRES", help="of the scans, 0.001 of millimetres; default: told by how they fit"
+    )
     command.add_argument(
         "--prior-unit", type=float, metavar="METRES", help="of a mesh or cloud as prior; default: told by how it fits"
     )

@@ -206,7 +206,7 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
         deviation = tuple(float(value) for value in viewpoint.deviation)
     placed = PosedScan((points - prior.origin).astype(np.float32), pose[0] - prior.origin, pose[1], sensor)
     _check_place(prior, placed, source)
-    return NamedScan(placed, name, len(scan.points), source, deviation, (*notes, *doubts), bool(doubts))
+    return NamedScan(placed, name, len(scan.points), source, deviation, (*notes, *doubts), tuple(doubts))
 
 
 def _viewpoint(prior: Prior, thin: np.ndarray, camera: Pinhole) -> tuple[Viewpoint, str]:

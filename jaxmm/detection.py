@@ -27,6 +27,7 @@ from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, Told
 from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
 from warp_scanner.sensors import Pinhole
 
+LEAST_TOLD = 0.0005  # share of the points left out of a scan that is worth a word
 SEMANTIC = {"wall": WALL, "column": PILLAR, "door": DOOR, "window": WINDOW, "slab": FLOOR}
 
 
@@ -39,7 +40,7 @@ class NamedScan(NamedTuple):
     pose_source: str  # "given", "file" or "estimated"
     deviation: Pose | None = None  # standard deviations of an estimated pose
     notes: tuple[str, ...] = ()
-    doubted: bool = False  # whether its points contradict its pose, as its notes say
+    doubts: tuple[str, ...] = ()  # those of its notes that say that its points contradict its pose
 
 
 def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings: DetectSettings) -> Detection:
@@ -104,8 +105,10 @@ def _settled(one: NamedScan) -> NamedScan:
         return one._replace(notes=(*one.notes, note))
     note = (
         f"its ranges err by {found.sigma * 1000:.{1 if found.sigma < 0.01 else 0}f} mm: settled on the planes around "
-        f"them; {found.stray:.1%} of the points, between surfaces or behind edges, were left out"
+        "them"
     )
+    if found.stray >= LEAST_TOLD:
+        note += f"; {found.stray:.1%} of the points, between surfaces or behind edges, were left out"
     return one._replace(scan=found.scan, notes=(*one.notes, note))
 
 
@@ -228,7 +231,7 @@ def _records(
         pose = _pose_of(fit.scan, prior.origin)
         records.append(ScanRecord(
             one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, (*one.notes, *fit.notes),
-            int(shows[number]), int(alone[number]), one.doubted or bool(fit.notes),
+            int(shows[number]), int(alone[number]), (*one.doubts, *fit.notes),
         ))  # fmt: skip
     return tuple(records)
 

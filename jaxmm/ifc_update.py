@@ -168,6 +168,7 @@ class _Update:
             "Verdict": verdict,
             "Probability": _known(told_probability(probability)),
             **more,
+            "Doubts": self.detection.doubts,
             "Scans": tuple(one.file for one in self.detection.scans),
             "Date": self.draft.when.isoformat(timespec="seconds"),
             "Software": self.draft.software,

@@ -21,6 +21,7 @@ def detection_html(detection: Detection) -> str:
     """HTML for `Detection._repr_html_`: nothing is loaded or run, and names of users' files are shown as text."""
     parts = [
         f"<p><strong>{_text(detection.summary())}</strong></p>",
+        "".join(f"<p>In doubt: {_text(doubt)}</p>" for doubt in detection.doubts),
         _plan(detection),
         _mismatches(detection),
         _verdicts(detection),

@@ -39,6 +39,9 @@ def page_text(detection: Detection, limits: Limits = LIMITS) -> str:
         "title": html.escape(f"jaxmm: {detection.summary()}"),
         "summary": html.escape(detection.summary()),
         "prior": html.escape(printable(f"Compared with: {prior_in_words(detection.prior)}" if detection.prior else "")),
+        "doubts": "\n".join(
+            f'<p class="doubt">In doubt: {html.escape(printable(one))}</p>' for one in detection.doubts
+        ),
         "sentences": "\n".join(f"<li>{html.escape(line)}</li>" for line in detection.sentences),
         "style": style,
         "data": as_script(page_data(detection, limits)),

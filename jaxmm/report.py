@@ -70,7 +70,12 @@ class ScanRecord(NamedTuple):
     notes: tuple[str, ...] = ()
     shows: int = 0  # mismatches that some of its rays tell of
     alone: int = 0  # of those: all other scans together have too few rays to tell of so many
-    doubted: bool = False  # whether it may be of another place, or its pose is contradicted, as its notes say
+    doubts: tuple[str, ...] = ()  # those of its notes that say that it may be of another place, or pose
+
+    @property
+    def doubted(self) -> bool:
+        """Whether anything speaks against it."""
+        return bool(self.doubts)
 
 
 class Drawing(NamedTuple):
@@ -109,6 +114,11 @@ class Detection(NamedTuple):
     def sentences(self) -> tuple[str, ...]:
         """The mismatches in words, one each."""
         return tuple(sentence(box_of(one), one.mismatch_type) for one in self.mismatches)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against where the scans were taken from, and so against all that they tell: a line each."""
+        return tuple(f"{one.file}: {doubt}" for one in self.scans for doubt in one.doubts)
 
     def __repr__(self) -> str:
         """The summary: the arrays behind it fill screens."""
@@ -178,7 +188,7 @@ def _prior(one: PriorFile | None) -> dict[str, Any] | None:
 
 
 def _scan(one: ScanRecord) -> dict[str, Any]:
-    return _plain(one._asdict())
+    return _plain(one._asdict() | {"doubted": one.doubted})
 
 
 def _plain(value: Any) -> Any:

@@ -38,6 +38,7 @@ def as_markdown(detection: Detection) -> str:
     blocks = [
         ["# What the scans say of the building model", "", f"{_capital(detection.summary())}."],
         [f"{escaped(_capital(prior_in_words(detection.prior)))}."] if detection.prior else [],
+        [f"- **In doubt:** {escaped(doubt)}" for doubt in detection.doubts],
         _sentences(detection),
         _mismatches(detection.mismatches),
         _elements(detection.elements),
@@ -203,7 +204,8 @@ def _scans(scans: Sequence[ScanRecord]) -> list[str]:
         )
         lines.append(f"   - {told}. Registration: {fitted or 'none'}.")
         changed = ", ".join(f"{count} {name}" for name, count in one.told.items() if count)
-        lines.append(f"   - Elements that have another verdict by it than before: {changed or 'none'}.")
+        what = "Elements that have another verdict by it than before" if index > 1 else "Verdicts by it"
+        lines.append(f"   - {what}: {changed or 'none'}.")
         told_alone = len(scans) > 1 and one.alone
         alone = f", {one.alone} of them alone: of these the other scans show too little" if told_alone else ""
         lines.append(f"   - Mismatches that it shows: {one.shows}{alone}.")

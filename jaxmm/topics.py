@@ -50,6 +50,7 @@ def topics_of(detection: Detection, project: str) -> tuple[Topic, ...]:
         scan = best_scan(detection, one)
         lines = [words, *_facts(one, detection), f"Seen best by the scan {one_line(detection.scans[scan].file)}."]
         lines += [f"Seems to be the same object, moved: {sentences[twin]}" for twin in twins]
+        lines += [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
         topics.append(Topic(
             guids[number], words.partition(" with dimensions")[0], "\n".join(lines),
             (one.object_type, one.mismatch_type, *((MOVED,) if twins else ())),

@@ -8,7 +8,7 @@ import trimesh
 
 from warp_scanner.building_files import read_building
 from warp_scanner.building_poses import check_position
-from warp_scanner.buildings import ReadOptions, bounds, join, remarks
+from warp_scanner.buildings import Failure, ReadOptions, bounds, join, remarks
 from warp_scanner.ifc_model import unit_scale
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import DOOR, OTHER, PILLAR, WALL, WINDOW
@@ -152,6 +152,16 @@ def test_flat_triangles_are_counted_and_flat_elements_listed(tmp_path, place):
         "without a shape: element 'flat' (flat): all its triangles have zero area",
         "note: 3 triangles without area were left out",
     ]
+
+
+@pytest.mark.parametrize("count, told", [(5, 5), (6, 5), (90, 5)])
+def test_many_elements_with_the_same_flaw_are_counted(tmp_path, count, told):
+    trimesh.creation.box(extents=[1, 1, 1]).export(tmp_path / "box.ply")
+    flaws = tuple(Failure(f"id {number}", "IfcDoor", "door", "has a hole") for number in range(count))
+    lines = remarks(read_building(tmp_path / "box.ply")._replace(flaws=flaws, notes=("in metres",)))
+    assert len(lines) == told + 1 and lines[-1] == "note: in metres"
+    assert lines[0] == "not a solid: IfcDoor 'door' (id 0): has a hole"
+    assert (lines[4] == f"not a solid: {count - 4} more elements, for such reasons") == (count > 5)
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb"])

@@ -1,8 +1,10 @@
 """The command line: whatever is wrong ends as one line that says what and where, code 2 for input and 1 for failure."""
 
+import argparse
 import errno
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -210,6 +212,22 @@ def test_threads_that_complain_after_the_line_are_not_heard(tmp_path, capsys, mo
     before = sys.unraisablehook
     cli.main(["evaluate", str(tmp_path / "none")])
     assert sys.unraisablehook is before  # a process that only calls it keeps its own
+
+
+def test_what_an_interrupted_command_keeps_is_told(capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    for name, words in (("detect", "nothing was written"), ("train", "the same command with --resume goes on")):
+        options = argparse.Namespace(command=name, run=interrupted, debug=False)
+        assert cli._run(options) == 1
+        assert capsys.readouterr().err == f"jaxmm {name}: interrupted; {words}\n"
+
+
+def test_the_version_is_told(capsys):
+    with pytest.raises(SystemExit) as done:
+        cli.main(["--version"])
+    assert done.value.code == 0 and re.fullmatch(r"jaxmm \d+\.\d+\.\d+\n", capsys.readouterr().out)
 
 
 def test_ctrl_c_is_one_line(tiny_config, tmp_path):

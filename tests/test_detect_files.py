@@ -195,13 +195,16 @@ def test_nothing_is_deleted_while_a_scan_may_be_of_another_place(tmp_path):
     case = true_case(tmp_path)
     gone = {one.element for one in case.detection.mismatches}
     for doubted in (False, True):
-        scans = tuple(one._replace(doubted=doubted) for one in case.detection.scans)
+        doubts = ("is it of this place?",) if doubted else ()
+        scans = tuple(one._replace(doubts=doubts) for one in case.detection.scans)
         out = tmp_path / f"out {doubted}"
         said = detect_files.write_all(case.detection._replace(scans=scans), case.ifc, out, apply=True)
         assert any("marked, not deleted" in line for line in said) == doubted
+        assert ("is it of this place?" in (out / "updated.ifc").read_text()) == doubted
         left = set(read_ifc(out / "updated.ifc").elements.guid)
         assert gone and (gone <= left) == doubted and bool(gone & left) == doubted
-        assert load_json(out / "report.json")["scans"][0]["doubted"] is doubted
+        told = load_json(out / "report.json")["scans"][0]
+        assert told["doubted"] is doubted and told["doubts"] == list(doubts)
 
 
 def test_nothing_is_deleted_while_points_contradict_their_pose(room, tmp_path, capsys):

@@ -15,6 +15,7 @@ from test_report import random_detection
 from jaxmm.evidence import SUPPORT
 from jaxmm.mismatch_points import MARGIN, inside, mismatch_points
 from jaxmm.notebook import detection_html
+from jaxmm.page import page_text
 from jaxmm.report import ElementVerdict, Mismatch, PriorFile, ScanRecord
 from jaxmm.report_files import (
     ADDED_COLOR,
@@ -133,6 +134,22 @@ def test_a_size_that_is_assumed_is_marked_in_every_report(added):
     assert "2.00, \\~0.15, 2.50" in as_markdown(told) and ASSUMED_WORDS[1:] in as_markdown(told)
     assert "2.00, ~0.15, 2.50" in detection_html(told)
     assert any("2.00, ~0.15, 2.50 m: ~ before" in topic.description for topic in topics_of(told, "house"))
+
+
+def test_what_speaks_against_a_place_stands_before_all_that_it_tells(removed):
+    """People look at a table, an image or a topic first, and the notes come last."""
+    (scan,) = removed.scans
+    doubt = "half of <b>its</b> points lie elsewhere: is the place right?"
+    told = removed._replace(scans=(scan._replace(notes=("err by 4 mm", doubt), doubts=(doubt,)),))
+    assert scan.doubts == () == removed.doubts and told.doubts == (f"robot.ply: {doubt}",)
+    text = as_markdown(told)
+    assert text.index("**In doubt:** robot.ply: half of") < text.index("## Mismatches") < text.index("err by 4 mm")
+    assert "In doubt" not in as_markdown(removed) and "In doubt" not in detection_html(removed)
+    for html in (page_text(told), detection_html(told)):
+        line = html.index("In doubt: robot.ply: half of &lt;b&gt;its")
+        assert line < html.index("<main>" if "<main>" in html else "<table>")
+    assert all(f"In doubt: robot.ply: {doubt}" in topic.description for topic in topics_of(told, "a"))
+    assert not any("In doubt" in topic.description for topic in topics_of(removed, "a"))
 
 
 def test_a_moved_object_names_the_number_that_it_was():

@@ -17,6 +17,7 @@ _NEAR = 500.0  # [m] coordinates up to this keep the file's own origin: float32 
 _MOVABLE = (TABLE, CHAIR, FURNITURE, CABINET, CARTON, PERSON)
 _LIMIT = 1e9  # [m] coordinates beyond this are taken for mistakes
 _FAR = 8192.0  # [m] from the origin: beyond it float32 is not exact to half a millimetre
+MOST_NAMED = 5  # of elements that something is remarked of
 _THIN = 1e-8  # [m] height of a triangle that counts as none: what float64 leaves of one at national-grid coordinates
 
 
@@ -168,7 +169,10 @@ def remarks(building: Building) -> list[str]:
     """What a user must know of how the file was read, a line each: what is missing, flawed, left out or assumed."""
     lines = []
     for word, elements in (("without a shape", building.failures), ("not a solid", building.flaws)):
-        lines += [f"{word}: {one.ifc_class or 'element'} {one.name!r} ({one.guid}): {one.reason}" for one in elements]
+        told = [f"{word}: {one.ifc_class or 'element'} {one.name!r} ({one.guid}): {one.reason}" for one in elements]
+        if len(told) > MOST_NAMED:  # of a mesh without a solid in it, a line each would hide all others
+            told[MOST_NAMED - 1 :] = [f"{word}: {len(told) - MOST_NAMED + 1} more elements, for such reasons"]
+        lines += told
     if building.zero_area:
         lines.append(f"note: {building.zero_area} triangles without area were left out")
     return lines + [f"note: {note}" for note in building.notes]
