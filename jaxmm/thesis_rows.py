@@ -124,5 +124,11 @@ def _line(row: dict) -> str:
     name = f"{row['source']} {row['scenario']} {row['room']} {row['condition']}"
     if row["roc_auc"] is None:
         return f"{name}: all points of one label, largest score {row['max_probability']:.4f}, {len(row['boxes'])} boxes"
-    scores = f"AUC {row['roc_auc']:.4f}, FPR@95 {row['fpr_at_95']:.4f}, P@95 {row['precision_at_95']:.4f}"
-    return f"{name}: {scores}, {len(row['boxes'])} boxes"
+    told = _scores(row)
+    if row["by_element"] and row["by_element"]["roc_auc"] is not None:
+        told += f"; labels by element: {_scores(row['by_element'])}"
+    return f"{name}: {told}; {len(row['boxes'])} boxes"
+
+
+def _scores(row: dict) -> str:
+    return f"AUC {row['roc_auc']:.4f}, FPR@95 {row['fpr_at_95']:.4f}, P@95 {row['precision_at_95']:.4f}"

@@ -45,6 +45,7 @@ def test_thesis_scores_a_whole_repository(repository, capsys):
     (row,) = json.loads((repository.parent / "out.json").read_text())["rows"]
     assert row["roc_auc"] == 1 and row["positives"] == 10 and row["by_element"]["roc_auc"] == 1
     assert err == "" and "pillar_removed room_test_1 clean: AUC 1.0000" in out
+    assert "; labels by element: AUC 1.0000, FPR@95 0.0000" in out
 
 
 def truncated(path):
