@@ -45,7 +45,14 @@ def _frozen(value: Any) -> Any:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
+MOST_WIDTH, MOST_COUNT = 2**14, 10**9  # of a layer, and of all else that is counted: more is a mistake
+MOST_SHOWN = 200  # characters of a file that an error quotes
 MOST_ROOMS = 1_000_000  # of one kind; they are held in memory
+
+
+def clipped(text: str) -> str:
+    """What a user's file says, no longer than a line of an error bears."""
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}…"
 
 
 def bounded(default: Any, low: float = -math.inf, high: float = math.inf) -> Any:
@@ -114,8 +121,8 @@ class PreprocessConfig:
 class NetworkConfig:
     """Widths of the per-point network; the defaults are the thesis's."""
 
-    encoder: tuple[int, ...] = bounded((64, 128, 256, 512), 1)
-    head: tuple[int, ...] = bounded((256, 128), 1)
+    encoder: tuple[int, ...] = bounded((64, 128, 256, 512), 1, MOST_WIDTH)
+    head: tuple[int, ...] = bounded((256, 128), 1, MOST_WIDTH)
     dropout: float = bounded(0.3, 0.0, 0.99)
 
     def __post_init__(self):
@@ -147,16 +154,16 @@ class TrainConfig:
 
     methods: tuple[str, ...] = ("nn", "xyz_nn")
     labels: str = one_of("heuristic", "heuristic", "true", "object")  # see batches.labels_of
-    step_count: int = bounded(3000, 1)
+    step_count: int = bounded(3000, 1, MOST_COUNT)
     batch_size: int = bounded(8, 1, 4096)  # clouds a step and model
     points_per_cloud: int = bounded(4096, 16)  # a longer cloud is thinned at random, anew at every step
     learning_rate: float = bounded(5e-5, 0.0, 1.0)
     schedule: str = one_of("constant", "constant", "cosine")  # of the learning rate; cosine: down to 0 at the last step
     weight_decay: float = bounded(1e-4, 0.0, 1.0)
     augment: tuple[str, ...] = ("xyz_nn",)  # methods that also see the three moved copies of each cloud
-    validate_every: int = bounded(100, 1)  # [steps]; a checkpoint is written at each validation
+    validate_every: int = bounded(100, 1, MOST_COUNT)  # [steps]; a checkpoint is written at each validation
     calibrate: tuple[str, ...] = ("evidence",)  # methods whose probabilities are made frequencies, on validation rooms
-    patience: int = bounded(10, 0)  # validations without improvement after which a model stops; 0: never
+    patience: int = bounded(10, 0, MOST_COUNT)  # validations without improvement after which a model stops; 0: never
     map_models: str = one_of("map", "map", "vmap")  # one after the other, or side by side, inside the one step
 
     def __post_init__(self):
@@ -174,7 +181,7 @@ class EvaluateConfig:
     """How a row of a table is made."""
 
     threshold: float = bounded(0.6, 0.0, 1.0)  # probability from which a point counts as changed
-    least_positives: int = bounded(20, 1)  # a room with fewer testable positives does not enter a row's mean
+    least_positives: int = bounded(20, 1, MOST_COUNT)  # testable ones of a room, to enter the mean of a row
     resamples: int = bounded(2000, 100)  # of the bootstrap over rooms
 
 
@@ -189,7 +196,7 @@ class PaperConfig:
     file_views: int = bounded(4, 0, 1000)  # of each IFC file of JAXMM_DATA and row
     # The compact networks of the scaling study, all with the same number of updates.
     scaling_rooms: tuple[int, ...] = bounded((12, 100, 1_000, 10_000), 1, MOST_ROOMS)  # of each model, nested
-    scaling_steps: int = bounded(1250, 1)
+    scaling_steps: int = bounded(1250, 1, MOST_COUNT)
     scaling_batch: int = bounded(8, 1, 4096)
     scaling_points: int = bounded(512, 16)  # that are kept of each cloud
     scaling_test_rooms: int = bounded(40, 1, MOST_ROOMS)
@@ -245,7 +252,7 @@ def parse(text: str, where: str) -> Config:
     try:
         values = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # numbers of too many digits, and lists nested too deeply
-        raise ConfigError(f"{where}: not valid TOML: {' '.join(str(error).split())}") from error
+        raise ConfigError(f"{where}: not valid TOML: {clipped(' '.join(str(error).split()))}") from error
     return build(Config, values, where)
 
 
@@ -257,7 +264,9 @@ def build(kind: type, values: dict[str, Any], where: str, others: Any = None) ->
     """
     fields = {field.name: field for field in dataclasses.fields(kind)}
     if unknown := values.keys() - fields.keys():
-        raise ConfigError(f"{where}: unknown {', '.join(sorted(unknown))}; expected some of {', '.join(fields)}")
+        raise ConfigError(
+            f"{where}: unknown {clipped(', '.join(sorted(unknown)))}; expected some of {', '.join(fields)}"
+        )
     converted = {key: _convert(fields[key], value, f"{where}: {key}") for key, value in values.items()}
     try:
         return kind(**converted) if others is None else dataclasses.replace(others, **converted)
@@ -270,7 +279,7 @@ def build(kind: type, values: dict[str, Any], where: str, others: Any = None) ->
 def _convert(field: dataclasses.Field, value: Any, where: str) -> Any:
     if dataclasses.is_dataclass(field.type):
         if not isinstance(value, dict):
-            raise ConfigError(f"{where}: expected a table, got {value!r}")
+            raise ConfigError(f"{where}: expected a table, got {clipped(repr(value))}")
         try:
             return build(field.type, value, where, None if field.default is dataclasses.MISSING else field.default)
         except ConfigError as error:
@@ -278,7 +287,7 @@ def _convert(field: dataclasses.Field, value: Any, where: str) -> Any:
             raise ConfigError(message if message.startswith(where) else f"{where}: {message}") from error
     if field.type is Table:
         if not isinstance(value, dict):
-            raise ConfigError(f"{where}: expected a table, got {value!r}")
+            raise ConfigError(f"{where}: expected a table, got {clipped(repr(value))}")
         return Table.of(value)
     value = _typed(field.type, value, where)
     _check_range(field, value, where)
@@ -288,22 +297,23 @@ def _convert(field: dataclasses.Field, value: Any, where: str) -> Any:
 def _typed(kind: Any, value: Any, where: str) -> Any:
     if typing.get_origin(kind) is tuple:
         if not isinstance(value, list):
-            raise ConfigError(f"{where}: expected a list, got {value!r}")
+            raise ConfigError(f"{where}: expected a list, got {clipped(repr(value))}")
         return tuple(_typed(typing.get_args(kind)[0], item, where) for item in value)
     if kind is float and type(value) is int and abs(value) < 2**63:
         return float(value)
     if type(value) is not kind:  # exactly: True is an int to isinstance
-        raise ConfigError(f"{where}: expected {kind.__name__}, got {value!r}")
+        raise ConfigError(f"{where}: expected {kind.__name__}, got {clipped(repr(value))}")
     return value
 
 
 def _check_range(field: dataclasses.Field, value: Any, where: str) -> None:
     choices = field.metadata.get("choices")
     if choices and value not in choices:
-        raise ConfigError(f"{where}: expected one of {', '.join(choices)}, got {value!r}")
+        raise ConfigError(f"{where}: expected one of {', '.join(choices)}, got {clipped(repr(value))}")
     low, high = field.metadata.get("low", -math.inf), field.metadata.get("high", math.inf)
     for number in value if isinstance(value, tuple) else (value,):
-        if isinstance(number, int | float) and not (low <= number <= high and math.isfinite(number)):
+        # Any int is finite, and one of 400 digits is no float.
+        if isinstance(number, int | float) and not (low <= number <= high and abs(number) != math.inf):
             above = "a finite number" if low == -math.inf else f"at least {low:g}"
             bounds = above if high == math.inf else f"from {low:g} to {high:g}"
-            raise ConfigError(f"{where}: expected {bounds}, got {number!r}")
+            raise ConfigError(f"{where}: expected {bounds}, got {clipped(repr(number))}")

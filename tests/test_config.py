@@ -75,7 +75,11 @@ def test_settings_written_to_a_run_folder_read_back_equal():
             "[preprocess]\noutlier_removal = 1", ["outlier_removal: expected bool, got 1"], id="1 is not true"
         ),
         pytest.param("[train]\nstep_count = 1.0", ["step_count: expected int, got 1.0"], id="1.0 is no whole number"),
-        pytest.param("[train]\nstep_count = 0", ["train: step_count: expected at least 1, got 0"], id="too small"),
+        pytest.param("[train]\nstep_count = 0", ["step_count: expected from 1 to 1e+09, got 0"], id="too small"),
+        pytest.param(f"[train]\nstep_count = {10**400}", ["step_count: expected from 1"], id="too many steps"),
+        pytest.param(f"[network]\nhead = [{10**400}]", ["head: expected from 1 to 16384"], id="too wide"),
+        pytest.param(f"seed = '{'a' * 5000}'", ["seed: expected int, got 'aaa"], id="a long text"),
+        pytest.param(f"{'a' * 5000} = 1", ["unknown aaa"], id="a long key"),
         pytest.param("[train]\nlearning_rate = -1e-9", ["from 0 to 1, got -1e-09"], id="below zero"),
         pytest.param("[train]\nlearning_rate = nan", ["learning_rate", "got nan"], id="nan"),
         pytest.param("[loss]\nalpha = inf", ["loss: alpha", "got inf"], id="infinity"),
@@ -84,7 +88,7 @@ def test_settings_written_to_a_run_folder_read_back_equal():
         pytest.param("seed = -1", ["seed: expected from 0"], id="negative seed"),
         pytest.param("[network]\nencoder = 64", ["encoder: expected a list, got 64"], id="no list"),
         pytest.param("[network]\nencoder = [64, 'x']", ["encoder: expected int, got 'x'"], id="text in a list"),
-        pytest.param("[network]\nencoder = [64, 0]", ["encoder: expected at least 1, got 0"], id="an empty layer"),
+        pytest.param("[network]\nencoder = [64, 0]", ["encoder: expected from 1 to 16384, got 0"], id="an empty layer"),
         pytest.param("[network]\nhead = []", ["network: encoder and head"], id="no layer"),
         pytest.param("[network]\ndropout = 1.0", ["dropout: expected from 0 to 0.99"], id="drop everything"),
         pytest.param("train = 3", ["train: expected a table, got 3"], id="no table"),
@@ -108,6 +112,7 @@ def test_bad_settings_are_refused_in_one_line_that_names_file_and_key(tmp_path, 
         load(path)
     message = str(caught.value)
     assert message.startswith(f"{path}: ") and "\n" not in message and message.count(str(path)) == 1
+    assert len(message) < len(str(path)) + 600
     for word in words:
         assert word in message, message
 
