@@ -19,6 +19,7 @@ PRIORITIES = (("High", 0.9), ("Normal", 0.7), ("Low", 0.0))  # by the least prob
 MOVED = "moved"
 LABELS = (*OBJECT_TYPES, *MISMATCH_TYPES, MOVED)
 
+LEAST_TURN = 0.5  # [deg] that is worth a word
 _FAMILY = uuid.UUID("3d0b6f0e-6d52-5f0b-9a55-2b8f4d5c7e11")  # the GUIDs of all projects are names in this family
 _GLOBAL_ID = re.compile(r"[0-3][0-9A-Za-z_$]{21}", re.ASCII)
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # what XML 1.0 cannot hold at all
@@ -99,6 +100,8 @@ def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project
 def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
     if not all(mismatch.measured):
         yield f"Of its size {sizes(mismatch)} m: {ASSUMED_WORDS}"
+    if abs(mismatch.rotation) >= LEAST_TURN:
+        yield f"It is turned by {mismatch.rotation:.1f}° counter-clockwise: its first dimension is not along x."
     yield f"The probability that this is real is {chance(mismatch.probability)}."
     if mismatch.observable_fraction is not None:
         yield f"Of the object, {mismatch.observable_fraction:.0%} could be observed."

@@ -129,6 +129,10 @@ def test_description_says_how_sure_and_why(moved):
     ):
         assert part in pillar.description
     assert "robot.ply" in wall.description
+    turned = moved._replace(mismatches=(moved.mismatches[0]._replace(rotation=78.24), *moved.mismatches[1:]))
+    straight = moved._replace(mismatches=(moved.mismatches[0]._replace(rotation=0.2), *moved.mismatches[1:]))
+    assert "turned by 78.2° counter-clockwise" in topics_of(turned, "")[0].description
+    assert "turned by" not in topics_of(straight, "")[0].description
     assert "observed" not in again.description and "Element of the model" not in again.description
     assert [topic.priority for topic in (wall, pillar, again)] == ["High", "High", "Normal"]
 
