@@ -37,7 +37,7 @@ def as_markdown(detection: Detection) -> str:
     """The content of report.md: removed and occluded elements in full, all others counted by class and storey."""
     blocks = [
         ["# What the scans say of the building model", "", f"{_capital(detection.summary())}."],
-        [f"{escaped(_capital(prior_in_words(detection.prior)))}."] if detection.prior else [],
+        [f"{_prior(detection.prior)}."] if detection.prior else [],
         [f"- **In doubt:** {escaped(doubt)}" for doubt in detection.doubts],
         _sentences(detection),
         _mismatches(detection.mismatches),
@@ -119,6 +119,11 @@ def prior_in_words(prior: PriorFile) -> str:
     unit = known[0] if known else f"units of {prior.unit:.7g} m"
     project = f", IfcProject {prior.project}" if prior.project else ""
     return f"{kind} {prior.file}, in {unit}{project}"
+
+
+def _prior(prior: PriorFile) -> str:
+    project = f", IfcProject {_identifier(prior.project)}" if prior.project else ""
+    return escaped(_capital(prior_in_words(prior._replace(project=None)))) + project
 
 
 def _identifier(text: str) -> str:

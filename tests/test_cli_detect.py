@@ -61,7 +61,7 @@ def test_the_report_says_what_moved(report, files):
     assert told["scans"][0]["pose_source"] == "given" and told["registration"]["refined"]
     project = files[3].building.project
     assert told["prior"] == {"file": "room.ifc", "kind": "ifc", "unit": 1.0, "project": project} and len(project) == 22
-    assert f"room.ifc, in metres, IfcProject {project}" in (report / "report.md").read_text().replace("\\", "")
+    assert f"room.ifc, in metres, IfcProject `{project}`." in (report / "report.md").read_text()
 
 
 def test_revert_gives_the_model_back(report, files, tmp_path, said):
