@@ -150,7 +150,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--pose", required=True, metavar="X,Y,Z,YAW[,PITCH]", help=POSE)
     command.add_argument("--sensor", default="oak-d-pro", metavar="NAME|FILE", help=SCAN_SENSORS)
     command.add_argument("--seed", type=int, default=0, metavar="N", help="of the errors of a sensor that errs")
-    command.add_argument("--out", type=Path, required=True, metavar="FILE", help=SCAN_FILES)
+    command.add_argument("--out", type=Path, required=True, metavar="FILE", help=f"{SCAN_FILES}; replaces a file")
     command.add_argument("--open-doors", action="store_true", help="leave doors out")
     command.add_argument("--clear-glass", action="store_true", help="let rays pass through the glass of windows")
     command.add_argument("--up", choices=("y", "z"), help="axis of the mesh file; default: y in glTF, z in all others")
@@ -267,8 +267,6 @@ def _scan(options: argparse.Namespace) -> None:
 
     clouds.check_format(options.out)
     check_writable(options.out, "--out")
-    if options.out.exists():
-        raise InputError(f"--out: {options.out}: expected the name of a new file, found one that is there")
     if not 0 <= options.seed < 2**63:
         raise InputError(f"--seed: expected at least 0 and below 2^63, got {options.seed}")
     position, yaw, pitch = parse_pose(options.pose)
