@@ -104,9 +104,17 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
+class _Version(argparse.Action):
+    """Looks the version up when it is asked for: a folder on the path has none."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        print(f"jaxmm {version('jaxmm')}")
+        parser.exit()
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="jaxmm", description="What was added, removed or hidden, from one scan.")
-    parser.add_argument("--version", action="version", version=f"jaxmm {version('jaxmm')}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="print it")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     command = _command(commands, "reproduce", _reproduce, "jaxmm reproduce configs/demo.toml")

@@ -44,9 +44,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
     command.add_argument("--frame", choices=("world", "sensor"), default="world", help=FRAMES)
-    command.add_argument(
-        "--unit", type=float, metavar="METRES", help="of the scans, 0.001 of millimetres; default: told by how they fit"
-    )
+    command.add_argument("--unit", type=float, metavar="METRES", help=UNIT)
     command.add_argument(
         "--prior-unit", type=float, metavar="METRES", help="of a mesh or cloud as prior; default: told by how it fits"
     )

@@ -45,7 +45,8 @@ def _frozen(value: Any) -> Any:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
-MOST_WIDTH, MOST_COUNT = 2**14, 10**9  # of a layer, and of all else that is counted: more is a mistake
+MOST_WIDTH, MOST_LAYERS = 2**14, 64  # of a network
+MOST_COUNT = 10**9  # of steps, points and the like: more is a mistake
 MOST_SHOWN = 200  # characters of a file that an error quotes
 MOST_ROOMS = 1_000_000  # of one kind; they are held in memory
 
@@ -53,6 +54,14 @@ MOST_ROOMS = 1_000_000  # of one kind; they are held in memory
 def clipped(text: str) -> str:
     """What a user's file says, no longer than a line of an error bears."""
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}…"
+
+
+def quoted(value: Any) -> str:
+    """A value of a user's file as it stands there, clipped; Python writes no whole number of thousands of digits."""
+    try:
+        return clipped(repr(value))
+    except ValueError:
+        return "a number of thousands of digits"
 
 
 def bounded(default: Any, low: float = -math.inf, high: float = math.inf) -> Any:
@@ -126,8 +135,8 @@ class NetworkConfig:
     dropout: float = bounded(0.3, 0.0, 0.99)
 
     def __post_init__(self):
-        if not self.encoder or not self.head:
-            raise ConfigError("encoder and head must have at least one layer each")
+        if not (1 <= len(self.encoder) <= MOST_LAYERS and 1 <= len(self.head) <= MOST_LAYERS):
+            raise ConfigError(f"encoder and head must have at least one layer each, and at most {MOST_LAYERS}")
 
 
 # Networks of one shape and different width; a config says `encoder` and `head` itself.
@@ -140,7 +149,7 @@ class LossConfig:
     """Focal loss; see losses.focal_loss for the two forms."""
 
     form: str = one_of("released", "released", "balanced")
-    alpha: float = bounded(10.0, 0.0)
+    alpha: float = bounded(10.0, 0.0, 1e6)
     gamma: float = bounded(2.0, 0.0, 10.0)
 
     def __post_init__(self):
@@ -156,7 +165,7 @@ class TrainConfig:
     labels: str = one_of("heuristic", "heuristic", "true", "object")  # see batches.labels_of
     step_count: int = bounded(3000, 1, MOST_COUNT)
     batch_size: int = bounded(8, 1, 4096)  # clouds a step and model
-    points_per_cloud: int = bounded(4096, 16)  # a longer cloud is thinned at random, anew at every step
+    points_per_cloud: int = bounded(4096, 16, MOST_COUNT)  # a longer cloud is thinned at random, anew at every step
     learning_rate: float = bounded(5e-5, 0.0, 1.0)
     schedule: str = one_of("constant", "constant", "cosine")  # of the learning rate; cosine: down to 0 at the last step
     weight_decay: float = bounded(1e-4, 0.0, 1.0)
@@ -182,7 +191,7 @@ class EvaluateConfig:
 
     threshold: float = bounded(0.6, 0.0, 1.0)  # probability from which a point counts as changed
     least_positives: int = bounded(20, 1, MOST_COUNT)  # testable ones of a room, to enter the mean of a row
-    resamples: int = bounded(2000, 100)  # of the bootstrap over rooms
+    resamples: int = bounded(2000, 100, 10**6)  # of the bootstrap over rooms
 
 
 @dataclasses.dataclass(frozen=True)
@@ -198,7 +207,7 @@ class PaperConfig:
     scaling_rooms: tuple[int, ...] = bounded((12, 100, 1_000, 10_000), 1, MOST_ROOMS)  # of each model, nested
     scaling_steps: int = bounded(1250, 1, MOST_COUNT)
     scaling_batch: int = bounded(8, 1, 4096)
-    scaling_points: int = bounded(512, 16)  # that are kept of each cloud
+    scaling_points: int = bounded(512, 16, MOST_COUNT)  # that are kept of each cloud
     scaling_test_rooms: int = bounded(40, 1, MOST_ROOMS)
     # How accuracy falls: test scenes only, each level with so many occluded rooms of every scenario.
     sweep_rooms: int = bounded(20, 0, MOST_ROOMS)
@@ -279,7 +288,7 @@ def build(kind: type, values: dict[str, Any], where: str, others: Any = None) ->
 def _convert(field: dataclasses.Field, value: Any, where: str) -> Any:
     if dataclasses.is_dataclass(field.type):
         if not isinstance(value, dict):
-            raise ConfigError(f"{where}: expected a table, got {clipped(repr(value))}")
+            raise ConfigError(f"{where}: expected a table, got {quoted(value)}")
         try:
             return build(field.type, value, where, None if field.default is dataclasses.MISSING else field.default)
         except ConfigError as error:
@@ -287,7 +296,7 @@ def _convert(field: dataclasses.Field, value: Any, where: str) -> Any:
             raise ConfigError(message if message.startswith(where) else f"{where}: {message}") from error
     if field.type is Table:
         if not isinstance(value, dict):
-            raise ConfigError(f"{where}: expected a table, got {clipped(repr(value))}")
+            raise ConfigError(f"{where}: expected a table, got {quoted(value)}")
         return Table.of(value)
     value = _typed(field.type, value, where)
     _check_range(field, value, where)
@@ -297,23 +306,23 @@ def _convert(field: dataclasses.Field, value: Any, where: str) -> Any:
 def _typed(kind: Any, value: Any, where: str) -> Any:
     if typing.get_origin(kind) is tuple:
         if not isinstance(value, list):
-            raise ConfigError(f"{where}: expected a list, got {clipped(repr(value))}")
+            raise ConfigError(f"{where}: expected a list, got {quoted(value)}")
         return tuple(_typed(typing.get_args(kind)[0], item, where) for item in value)
     if kind is float and type(value) is int and abs(value) < 2**63:
         return float(value)
     if type(value) is not kind:  # exactly: True is an int to isinstance
-        raise ConfigError(f"{where}: expected {kind.__name__}, got {clipped(repr(value))}")
+        raise ConfigError(f"{where}: expected {kind.__name__}, got {quoted(value)}")
     return value
 
 
 def _check_range(field: dataclasses.Field, value: Any, where: str) -> None:
     choices = field.metadata.get("choices")
     if choices and value not in choices:
-        raise ConfigError(f"{where}: expected one of {', '.join(choices)}, got {clipped(repr(value))}")
+        raise ConfigError(f"{where}: expected one of {', '.join(choices)}, got {quoted(value)}")
     low, high = field.metadata.get("low", -math.inf), field.metadata.get("high", math.inf)
     for number in value if isinstance(value, tuple) else (value,):
         # Any int is finite, and one of 400 digits is no float.
         if isinstance(number, int | float) and not (low <= number <= high and abs(number) != math.inf):
             above = "a finite number" if low == -math.inf else f"at least {low:g}"
             bounds = above if high == math.inf else f"from {low:g} to {high:g}"
-            raise ConfigError(f"{where}: expected {bounds}, got {clipped(repr(number))}")
+            raise ConfigError(f"{where}: expected {bounds}, got {quoted(number)}")

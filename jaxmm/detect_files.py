@@ -133,7 +133,7 @@ def write_all(detection: Detection, prior: Path, out: Path, *, apply: bool = Fal
     """
     check_empty(out, "--out")
     start, said = time.perf_counter(), []
-    if apply and any(scan.doubted for scan in detection.scans):
+    if apply and detection.doubts:
         apply = False
         said.append("--apply: removed elements are marked, not deleted: it is open whether every scan is of this place")
 
@@ -192,9 +192,9 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
     if pose is not None:
         view = (sensor.horizontal_fov, sensor.vertical_fov) if isinstance(sensor, Pinhole) else None
         doubts = doubts_about(points, thin, *pose, view)
-        # Files of scanners that look around say nothing by how they are turned.
-        if view is None and source == "given" and is_turned_away(thin, *pose):
-            doubts.append("hardly any of its points lies before the sensor, as it is turned: is its yaw right?")
+        # It changes nothing but what is drawn, and files of scanners that look around say nothing by it.
+        if sensor is None and source == "given" and is_turned_away(thin, *pose):
+            notes.append("hardly any of its points lies before the sensor, as it is turned: is its yaw right?")
     else:
         camera = sensor or OAK_D_PRO
         if not isinstance(camera, Pinhole):

@@ -20,10 +20,10 @@ from jaxmm.next_view import Stage, next_views, stand_of
 from jaxmm.placement import Placed, place
 from jaxmm.priors import Prior
 from jaxmm.remaining import compared_with_what_remains
-from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord
+from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, nothing_present
 from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
-from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
+from jaxmm.verdicts import OCCLUDED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
 from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
 from warp_scanner.sensors import Pinhole
 
@@ -92,7 +92,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         "residual": float(np.max([one.residual for one in placed])),
         "scans": fits,
     }
-    notes = (*prior.notes, *_doubts(elements))
+    notes = (*prior.notes, *nothing_present(elements))
     return Detection(mismatches, elements, records, registration, settings.as_json(), timing, notes, drawing)
 
 
@@ -103,22 +103,12 @@ def _settled(one: NamedScan) -> NamedScan:
     if found.scan is one.scan:
         note = f"{found.stray:.0%} of its points are on no plane with others: its ranges are taken as they are"
         return one._replace(notes=(*one.notes, note))
-    note = (
-        f"its ranges err by {found.sigma * 1000:.{1 if found.sigma < 0.01 else 0}f} mm: settled on the planes around "
-        "them"
-    )
+    note = f"its ranges err by {found.sigma * 1000:.{1 if found.sigma < 0.01 else 0}f} mm"
+    if found.moved:
+        note += ": settled on the planes around them"
     if found.stray >= LEAST_TOLD:
         note += f"; {found.stray:.1%} of the points, between surfaces or behind edges, were left out"
     return one._replace(scan=found.scan, notes=(*one.notes, note))
-
-
-def _doubts(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
-    """What speaks against all that was found."""
-    count = {verdict: sum(one.verdict == verdict for one in elements) for verdict in VERDICTS}
-    if count[PRESENT] or not count[REMOVED]:
-        return ()
-    gone = "1 is" if count[REMOVED] == 1 else f"{count[REMOVED]} are"
-    return (f"{gone} told to be removed, and nothing to be present: is the scan of this building, and in this place?",)
 
 
 def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:

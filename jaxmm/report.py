@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmm.boxes import Box, sentence
 from jaxmm.evidence import FRACTIONS
-from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS
 
 Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
 PLURAL = {"wall": "walls", "pillar": "pillars"}
@@ -118,7 +118,8 @@ class Detection(NamedTuple):
     @property
     def doubts(self) -> tuple[str, ...]:
         """What speaks against where the scans were taken from, and so against all that they tell: a line each."""
-        return tuple(f"{one.file}: {doubt}" for one in self.scans for doubt in one.doubts)
+        of_scans = (f"{one.file}: {doubt}" for one in self.scans for doubt in one.doubts)
+        return (*of_scans, *nothing_present(self.elements))
 
     def __repr__(self) -> str:
         """The summary: the arrays behind it fill screens."""
@@ -139,6 +140,15 @@ class Detection(NamedTuple):
         verdicts = ", ".join(f"{self.count(name)} {name}" for name in (PRESENT, REMOVED, OCCLUDED, UNSCANNED))
         told = f"; of {len(self.elements)} elements {verdicts}" if self.elements else ""
         return f"{', '.join(found) or 'no mismatch'}{told}"
+
+
+def nothing_present(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
+    """What speaks against all that was found: that elements are gone, and none is there."""
+    count = {verdict: sum(one.verdict == verdict for one in elements) for verdict in VERDICTS}
+    if count[PRESENT] or not count[REMOVED]:
+        return ()
+    gone = "1 is" if count[REMOVED] == 1 else f"{count[REMOVED]} are"
+    return (f"{gone} told to be removed, and nothing to be present: is the scan of this building, and in this place?",)
 
 
 def box_of(mismatch: Mismatch) -> Box:

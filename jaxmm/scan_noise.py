@@ -28,7 +28,8 @@ SAMPLED = 6000  # rays that tell of the noise
 AROUND = 0.5  # [m] within which ranges may err
 EXACT = 2.5e-5  # [m] from a plane, of a fifth of the rays that tell: as with a normal error of 0.1 mm
 LEAST_EXACT = 0.2  # share of these rays, for much of a room may be round
-COARSE = 2e-4  # [m] steps of coordinates: in coarser ones walls along the axes are flat, however their ranges err
+STEPS = 2e-4, 0.02  # [m] of coordinates: in coarser ones walls along the axes are flat, however ranges err; and most
+LEAST_STEPS, ODD = 50, 1e-3  # gaps between coordinates that tell a step, and share of them that may be smaller
 MOST_EXACT = 1e-3  # [m] noise of an exact scan: ranges in steps, as of a stereo camera, have equal ones too
 LEAST_POINTS = 1000  # of a scan that tells what its sensor does
 AT_ONCE = 8192  # rays, whose neighbours fit into a core's cache
@@ -40,6 +41,7 @@ class Settled(NamedTuple):
     scan: PosedScan
     sigma: float  # [m] standard deviation of its ranges, at the middle one; 0 of exact ones, and where nothing tells
     stray: float  # share of its points that hang between surfaces, or trail behind edges
+    moved: bool = False  # whether any range is another now
 
 
 def settled(scan: PosedScan) -> Settled:
@@ -60,19 +62,22 @@ def settled(scan: PosedScan) -> Settled:
     tree = small_gicp.KdTree(direction, num_threads=thread_count(None))
     off, of = _off_planes(tree, direction, reach)
     noise = noise_of(off, np.ones(len(off)), of)
-    step = step_of(points)
-    sigma = max(float(sigma_at(noise, np.median(reach))), step / np.sqrt(12.0) if step > COARSE else 0.0)
-    may_be_exact = step <= COARSE and sigma < MOST_EXACT
+    # Steps are those of the file, whose frame may be the sensor's own.
+    step = max(step_of(points), step_of(offset @ scan.rotation))
+    rounding = step / np.sqrt(12.0)
+    sigma = float(np.hypot(sigma_at(noise, np.median(reach)), rounding))
+    may_be_exact = step == 0.0 and sigma < MOST_EXACT
     if not len(off) or (may_be_exact and np.quantile(np.abs(off), LEAST_EXACT) < EXACT):
         return Settled(scan, 0.0, 0.0)
     near = nearest_rays(tree, direction, NEIGHBOURS)
-    distance = _distances(direction, reach, sigma_at(noise, reach), near)
+    distance = _distances(direction, reach, np.hypot(sigma_at(noise, reach), rounding), near)
     kept = np.isfinite(distance)
     stray = float(1.0 - kept.mean())
     if stray > MOST_STRAY:
         return Settled(scan, sigma, stray)
     places = scan.position + direction[kept] * distance[kept, None]
-    return Settled(scan._replace(points=places.astype(np.float32)), sigma, stray)
+    moved = bool(np.any(distance[kept] != reach[kept]))
+    return Settled(scan._replace(points=places.astype(np.float32)), sigma, stray, moved)
 
 
 def _distances(direction: np.ndarray, reach: np.ndarray, sigma: np.ndarray, near: np.ndarray) -> np.ndarray:
@@ -117,16 +122,21 @@ def _trailing(
 
 
 def step_of(points: np.ndarray) -> float:
-    """The step [m] that coordinates (N, 3) [m] are rounded to, as in a file of millimetres; about 0 where they are not.
+    """The step [m] that coordinates (N, 3) [m] are rounded to, as in a file of millimetres: of the coarsest axis.
 
-    Told from the closest that two of them come to each other, other than by the error of float32.
+    0 where they are not, or in steps outside of STEPS: finer ones hide nothing, and coarser ones are no rounding. Told
+    from how close they come to each other, but for the error of float32.
     """
-    steps = []
+    coarsest = 0.0
     for values in points.T:
         gaps = np.diff(np.sort(values))
-        gaps = gaps[gaps > 2.0 * np.spacing(np.float32(np.abs(values).max()))]
-        steps.append(gaps.min(initial=np.inf))
-    return float(min(steps)) if np.isfinite(steps).any() else 0.0
+        gaps = gaps[gaps > 8.0 * np.spacing(np.float32(np.abs(values).max(initial=0.0)))]
+        step = float(np.quantile(gaps, ODD)) if len(gaps) >= LEAST_STEPS else 0.0
+        if STEPS[0] < step <= STEPS[1]:
+            times = gaps[gaps < 10.0 * step] / step
+            if len(times) >= LEAST_STEPS and np.mean(np.abs(times - np.rint(times)) < 0.1) > 0.9:
+                coarsest = max(coarsest, step)
+    return coarsest
 
 
 def nearest_rays(tree: small_gicp.KdTree, direction: np.ndarray, count: int) -> np.ndarray:

@@ -49,9 +49,14 @@ def topics_of(detection: Detection, project: str) -> tuple[Topic, ...]:
         twins = [removed for added, removed in links if added == number]
         twins += [added for added, removed in links if removed == number]
         scan = best_scan(detection, one)
-        lines = [words, *_facts(one, detection), f"Seen best by the scan {one_line(detection.scans[scan].file)}."]
+        doubts = [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
+        lines = [
+            words,
+            *doubts,
+            *_facts(one, detection),
+            f"Seen best by the scan {one_line(detection.scans[scan].file)}.",
+        ]
         lines += [f"Seems to be the same object, moved: {sentences[twin]}" for twin in twins]
-        lines += [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
         topics.append(Topic(
             guids[number], words.partition(" with dimensions")[0], "\n".join(lines),
             (one.object_type, one.mismatch_type, *((MOVED,) if twins else ())),
@@ -101,7 +106,7 @@ def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
     if not all(mismatch.measured):
         yield f"Of its size {sizes(mismatch)} m: {ASSUMED_WORDS}"
     if abs(mismatch.rotation) >= LEAST_TURN:
-        yield f"It is turned by {mismatch.rotation:.1f}° counter-clockwise: its first dimension is not along x."
+        yield f"It is turned by {mismatch.rotation:.1f}° counter-clockwise."
     yield f"The probability that this is real is {chance(mismatch.probability)}."
     if mismatch.observable_fraction is not None:
         yield f"Of the object, {mismatch.observable_fraction:.0%} could be observed."

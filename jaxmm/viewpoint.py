@@ -36,9 +36,10 @@ MOST_HIDDEN = 0.2  # of thinned points; right poses of rooms have up to 0.15, am
 MOST_OVERTAKEN = 0.05  # of all points, beside that; whole scans have up to 0.02 in their right place
 LEAST_AHEAD = 0.01  # of the points of any sensor
 MOST_STRAYS = 0.2  # of the points, out of view as a given pose has it
-# From a right place, points touch most of the edges after a move of up to 0.04 m. In 96 views of validation rooms no
-# right place is doubted for that, of places 0.3 m off 86 in 100 are, and 95 of those that are 0.6 m off.
+# From a right place, points of a whole scan touch most of the edges after a move of up to 0.04 m. In 96 views of
+# validation rooms no right place is doubted for that, of places 0.3 m off 86 in 100 are, 95 of those 0.6 m off.
 LEAST_MOVED, LEAST_MORE = 0.25, 0.15  # [m], and share of all edges
+NARROWER = (0.95, 0.9, 0.85, 0.8)  # times as wide a view, of which files without the margin of an image are
 LEAST_LEAD = 0.15  # in score over any other pose; the mirror image of a wall that is nearly alone comes close
 FAR_BETTER = 0.15  # in score: with this lead, another field of view casts doubt on the given one
 # Of a scan in the view of another one from the same place; 0.25 m ahead of it 0.34 of the edges are touched at most.
@@ -205,13 +206,16 @@ def _better_place(cloud: Cloud, pose: np.ndarray, half: np.ndarray) -> np.ndarra
     fit = refined(cloud, pose, half, np.arange(5), 8)
     before, after = (float(touched_edges(cloud, one, half, REACH).mean()) for one in (pose, fit))
     moved = fit[:3] - pose[:3]
-    told = after >= WELL_TOUCHED and after >= before + LEAST_MORE and np.linalg.norm(moved) >= LEAST_MOVED
-    return moved if told else None
+    if after < WELL_TOUCHED or after < before + LEAST_MORE or np.linalg.norm(moved) < LEAST_MOVED:
+        return None
+    narrower = (np.arctan(share * np.tan(half)) for share in NARROWER)
+    cropped = max(float(touched_edges(cloud, pose, one, REACH).mean()) for one in narrower)
+    return None if cropped > after - LEAST_MORE else moved
 
 
 def is_turned_away(points: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> bool:
     """Whether hardly any of the points (N, 3) [m] of a scan lies before its sensor, as its pose turns that."""
-    return bool(len(points) and np.mean((points - position) @ rotation[:, 0] > 0.0) < LEAST_AHEAD)
+    return len(points) >= LEAST_POINTS and bool(np.mean((points - position) @ rotation[:, 0] > 0.0) < LEAST_AHEAD)
 
 
 def _search(cloud: Cloud, thin: Cloud, half: np.ndarray, pitches: np.ndarray, free: np.ndarray) -> list[_Fit]:

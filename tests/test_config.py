@@ -75,9 +75,11 @@ def test_settings_written_to_a_run_folder_read_back_equal():
             "[preprocess]\noutlier_removal = 1", ["outlier_removal: expected bool, got 1"], id="1 is not true"
         ),
         pytest.param("[train]\nstep_count = 1.0", ["step_count: expected int, got 1.0"], id="1.0 is no whole number"),
-        pytest.param("[train]\nstep_count = 0", ["step_count: expected from 1 to 1e+09, got 0"], id="too small"),
+        pytest.param("[train]\nstep_count = 0", ["train: step_count: expected from 1 to 1e+09, got 0"], id="too small"),
         pytest.param(f"[train]\nstep_count = {10**400}", ["step_count: expected from 1"], id="too many steps"),
         pytest.param(f"[network]\nhead = [{10**400}]", ["head: expected from 1 to 16384"], id="too wide"),
+        pytest.param(f"[train]\nstep_count = 0x{'f' * 5000}", ["thousands of digits"], id="a number nobody can write"),
+        pytest.param(f"[network]\nhead = {[64] * 65}", ["network", "at most 64"], id="too many layers"),
         pytest.param(f"seed = '{'a' * 5000}'", ["seed: expected int, got 'aaa"], id="a long text"),
         pytest.param(f"{'a' * 5000} = 1", ["unknown aaa"], id="a long key"),
         pytest.param("[train]\nlearning_rate = -1e-9", ["from 0 to 1, got -1e-09"], id="below zero"),

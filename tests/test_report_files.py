@@ -149,6 +149,8 @@ def test_what_speaks_against_a_place_stands_before_all_that_it_tells(removed):
         line = html.index("In doubt: robot.ply: half of &lt;b&gt;its")
         assert line < html.index("<main>" if "<main>" in html else "<table>")
     assert all(f"In doubt: robot.ply: {doubt}" in topic.description for topic in topics_of(told, "a"))
+    gone = tuple(one for one in removed.elements if one.verdict != "present")
+    assert gone and "nothing to be present" in removed._replace(elements=gone).doubts[0]
     assert not any("In doubt" in topic.description for topic in topics_of(removed, "a"))
 
 

@@ -99,12 +99,42 @@ def test_how_ranges_err_shows_in_a_file_of_millimetres_too(room, step, origin):
     assert hangs.sum() > 300 and left <= 1.3 * expected + 20
 
 
-@pytest.mark.parametrize("step", [0.0, 1e-4, 1e-3, 0.003])
-def test_the_step_of_coordinates_is_told(room, step):
-    points = scan_of(*room).points.astype(np.float64)
-    found = step_of(points if step == 0.0 else (np.round(points / step) * step).astype(np.float32).astype(np.float64))
-    assert found < 2e-5 if step == 0.0 else found == pytest.approx(step, rel=0.05)
-    assert step_of(np.ones((5, 3))) == 0.0
+@pytest.mark.parametrize("yaw", [0.5, 12.0, 30.0, 90.0])
+def test_how_ranges_err_shows_in_a_file_of_the_sensors_own_frame(room, yaw):
+    """Its walls are along the axes there, and no longer when the points have come to the world."""
+    direction, reach = room
+    ranges, _ = mixed(reach + 2e-4 * np.random.default_rng(0).standard_normal(len(reach)))
+    own = np.round(direction * ranges[:, None] / 1e-3) * 1e-3
+    turn = Rotation.from_euler("zy", (yaw, -5.0), degrees=True).as_matrix()
+    place = np.array([12.3, -4.5, 1.4])
+    found = settled(PosedScan((own @ turn.T + place).astype(np.float32), place, turn, OAK_D_PRO_SMALL))
+    assert found.sigma > 2e-4 and found.stray > 0.0
+
+
+@pytest.mark.parametrize("step", [0.0, 1e-4, 3e-4, 1e-3, 0.003, 0.01, 0.05])
+@pytest.mark.parametrize("place", [0.0, 400.0])
+def test_the_step_of_coordinates_is_told(room, step, place):
+    """Of the coarsest axis, whatever a few points are; what is finer hides nothing, what is coarser is no rounding."""
+    points = scan_of(*room).points.astype(np.float64) + np.array([place, 0.0, 0.0])
+    rounded = points.copy()
+    if step:
+        rounded[:, 2] = np.round(points[:, 2] / step) * step
+    rounded[:3] = points[:3]
+    told = step if 2e-4 < step < 0.02 else 0.0
+    for order in ([0, 1, 2], [2, 0, 1]):
+        assert step_of(rounded[:, order].astype(np.float32).astype(np.float64)) == pytest.approx(told, rel=0.05)
+    assert step_of(np.ones((5, 3))) == 0.0 and step_of(np.zeros((0, 3))) == 0.0
+
+
+def test_a_note_tells_what_was_done_to_ranges(room):
+    direction, reach = room
+    scan = scan_of(direction, reach)
+    millimetres = scan._replace(points=np.round(scan.points, 3))
+    noisy = scan_of(direction, mixed(reach + 0.03 * np.random.default_rng(0).standard_normal(len(reach)))[0])
+    for one, words in ((millimetres, False), (noisy, True)):
+        (note,) = _settled(NamedScan(one, "a", len(one.points), "given")).notes
+        assert note.startswith("its ranges err by ") and ("settled on the planes" in note) == words
+    assert ": settled on the planes around them; " in note and "% of the points, between surfaces" in note
 
 
 def test_ranges_in_steps_of_a_stereo_camera_are_not_exact(room):
@@ -215,7 +245,7 @@ def test_how_much_they_err_is_told_in_millimetres(room, sigma, words):
     direction, reach = room
     scan = scan_of(direction, reach + sigma * np.random.default_rng(0).standard_normal(len(reach)))
     (note,) = _settled(NamedScan(scan, "scan", len(reach), "given")).notes
-    assert re.match(f"its ranges err by {words}: settled on", note), note
+    assert re.match(f"its ranges err by {words}[:;]", note), note
 
 
 def test_good_ranges_stay_as_measured(room):

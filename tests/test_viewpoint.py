@@ -290,6 +290,10 @@ def test_a_place_half_a_metre_off_is_doubted_and_the_true_one_is_told(preset):
         angle = rng.uniform(0.0, 2.0 * np.pi)
         aside = np.array([np.cos(angle), np.sin(angle), 0.0])
         assert doubts_about(scan.points, thin, scan.position + 0.05 * aside, scan.rotation, view) == []
+        # Nor is it the place that is wrong where the margin of the image is missing.
+        offset = (thin - scan.position) @ scan.rotation
+        inside = np.abs(offset[:, 1:] / offset[:, :1]) < 0.87 * np.tan(np.radians(view) / 2)
+        assert doubts_about(scan.points, thin[inside.all(axis=1)], scan.position, scan.rotation, view) == []
         doubts = doubts_about(scan.points, thin, scan.position + 0.6 * aside, scan.rotation, view)
         doubted += bool(doubts)
         if told := re.search(r"view from (.+) m, (\d\.\d\d) m from its pose", " ".join(doubts)):
@@ -303,10 +307,12 @@ def test_a_scan_is_turned_away_where_nothing_of_it_lies_ahead():
     rng = np.random.default_rng(0)
     around = rng.normal(size=(500, 3))
     ahead, place = np.abs(around) + np.eye(3)[0], np.array([3.0, -2.0, 1.0])
+    few, more = (np.concatenate([ahead[:count], -ahead[count:]]) for count in (2, 10))
+    assert is_turned_away(few + place, place, np.eye(3)) and not is_turned_away(more + place, place, np.eye(3))
     back = np.diag([-1.0, -1.0, 1.0])
     assert is_turned_away(ahead + place, place, back) and not is_turned_away(ahead + place, place, np.eye(3))
     assert not is_turned_away(around + place, place, back)  # a sensor that looks around
-    assert not is_turned_away(ahead[:0], place, back)
+    assert not is_turned_away(ahead[:50] + place, place, back)  # too few to tell
 
 
 def behind_bars(rays, seed):

@@ -170,8 +170,8 @@ def remarks(building: Building) -> list[str]:
     lines = []
     for word, elements in (("without a shape", building.failures), ("not a solid", building.flaws)):
         told = [f"{word}: {one.ifc_class or 'element'} {one.name!r} ({one.guid}): {one.reason}" for one in elements]
-        if len(told) > MOST_NAMED:  # of a mesh without a solid in it, a line each would hide all others
-            told[MOST_NAMED - 1 :] = [f"{word}: {len(told) - MOST_NAMED + 1} more elements, for such reasons"]
+        if elements is building.flaws and len(told) > MOST_NAMED:  # of a mesh without a solid they would hide all else
+            told[MOST_NAMED:] = [f"{word}: {len(told) - MOST_NAMED} more elements, for such reasons"]
         lines += told
     if building.zero_area:
         lines.append(f"note: {building.zero_area} triangles without area were left out")
