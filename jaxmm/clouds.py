@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from jaxmm.files import write_arrays, write_atomically, write_text
-from jaxmm.inputs import CSV_COLUMNS, InputError
+from jaxmm.inputs import CSV_COLUMNS, InputError, one_line
 
 PCD_SINGLE = 4096.0  # [m] coordinates that single precision holds to a quarter of a millimetre
 E57_EXTENSION = "urn:jaxmm:e57:element"  # names what jaxmm: stands for in an E57 file
@@ -138,7 +138,7 @@ def _write_e57(path: Path, scan: SensorScan) -> None:
             finally:
                 file.close()
         except libe57.E57Exception as error:  # the library's only kind, which does not say what the system said
-            reason = " ".join(str(error).split())[:200]
+            reason = one_line(error)
             raise OSError(errno.EIO, f"cannot be written as E57: {reason}", str(path)) from error
 
     write_atomically(path, write)

@@ -7,7 +7,7 @@ import typing
 from pathlib import Path
 from typing import Any
 
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, clipped, one_line
 
 SCENARIOS = ("pillar_added", "wall_added", "pillar_removed", "wall_removed")
 CONDITIONS = ("clean", "occluded")
@@ -47,13 +47,7 @@ def _frozen(value: Any) -> Any:
 
 MOST_WIDTH, MOST_LAYERS = 2**14, 64  # of a network
 MOST_COUNT = 10**9  # of steps, points and the like: more is a mistake
-MOST_SHOWN = 200  # characters of a file that an error quotes
 MOST_ROOMS = 1_000_000  # of one kind; they are held in memory
-
-
-def clipped(text: str) -> str:
-    """What a user's file says, no longer than a line of an error bears."""
-    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}…"
 
 
 def quoted(value: Any) -> str:
@@ -261,7 +255,7 @@ def parse(text: str, where: str) -> Config:
     try:
         values = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # numbers of too many digits, and lists nested too deeply
-        raise ConfigError(f"{where}: not valid TOML: {clipped(' '.join(str(error).split()))}") from error
+        raise ConfigError(f"{where}: not valid TOML: {one_line(error)}") from error
     return build(Config, values, where)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from jaxmm.boxes import BoxSettings
 from jaxmm.config import ConfigError, bounded, build, one_of
+from jaxmm.inputs import one_line
 from jaxmm.objects import ObjectSettings
 from jaxmm.placement import OF_CLOUDS, FitLimits
 from jaxmm.verdicts import VerdictSettings
@@ -57,5 +58,5 @@ def load_settings(path: Path | None, **given: Any) -> DetectSettings:
         except OSError as error:
             raise ConfigError(f"{path}: cannot read the settings: {error.strerror}") from error
         except (ValueError, RecursionError) as error:
-            raise ConfigError(f"{path}: not valid TOML: {' '.join(str(error).split())[:200]}") from error
+            raise ConfigError(f"{path}: not valid TOML: {one_line(error)}") from error
     return build(DetectSettings, values | given, str(path or "settings"))

@@ -16,7 +16,7 @@ from jaxmm.ifc_marks import DEMOLISH, NEW, mark, set_status
 from jaxmm.ifc_objects import add_object, contain, flaw_of, ground_of
 from jaxmm.ifc_removal import delete, hanging_on
 from jaxmm.ifc_undo import UPDATED, sha256, write_with_undo
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, one_line
 from jaxmm.report import Detection, ElementVerdict, Mismatch, box_of, told_probability
 from jaxmm.verdicts import OCCLUDED, REMOVED
 from warp_scanner.ifc_model import import_ifcopenshell
@@ -75,7 +75,7 @@ def _open(prior: Path, when: datetime) -> tuple[bytes, Draft]:
     except OSError as error:
         raise InputError(f"{prior}: cannot be read: {error.strerror}") from error
     except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
-        raise InputError(f"{prior}: not a readable IFC file: {' '.join(str(error).split())[:150]}") from error
+        raise InputError(f"{prior}: not a readable IFC file: {one_line(error)}") from error
     return original, Draft(ifcopenshell, model, sha256(original), when)
 
 
@@ -88,6 +88,7 @@ class _Update:
         self.occluded: dict[str, Any] = {}
         self.added: dict[str, Any] = {}
         self.notes: list[str] = []
+        self._doubts = detection.doubts
         self._verdicts = {one.guid: one for one in detection.elements}
         self._times = Counter(one.GlobalId for one in draft.model.by_type("IfcRoot"))
 
@@ -168,7 +169,7 @@ class _Update:
             "Verdict": verdict,
             "Probability": _known(told_probability(probability)),
             **more,
-            "Doubts": self.detection.doubts,
+            "Doubts": self._doubts,
             "Scans": tuple(one.file for one in self.detection.scans),
             "Date": self.draft.when.isoformat(timespec="seconds"),
             "Software": self.draft.software,

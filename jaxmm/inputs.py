@@ -9,11 +9,22 @@ from typing import NamedTuple
 import numpy as np
 
 CSV_COLUMNS = ("X", "Y", "Z", "categoryID")
+MOST_SHOWN = 200  # characters of a file that an error quotes
 ROUNDING = 5e-4  # [m] largest error that storing a coordinate as float32 may bring
 
 
 class InputError(ValueError):
     """A file of the user's that cannot be used; the message is one line, and the command line exits with code 2."""
+
+
+def clipped(text: str) -> str:
+    """What a user's file says, no longer than a line of an error bears."""
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}…"
+
+
+def one_line(error: Exception) -> str:
+    """What an error of a library says, as a part of ours."""
+    return clipped(" ".join(str(error).split())) or type(error).__name__
 
 
 class LabelledPoints(NamedTuple):
@@ -75,7 +86,7 @@ def read_csv(path: Path | str) -> LabelledPoints:
     try:
         table = np.loadtxt(lines, delimiter=";", usecols=columns, comments=None, ndmin=2)
     except ValueError as error:
-        raise InputError(f"{path}: expected rows of numbers split by `;`: {_one_line(error)}") from error
+        raise InputError(f"{path}: expected rows of numbers split by `;`: {one_line(error)}") from error
     points = _as_points(table[:, :3], path)
     if not _fits_int32(table[:, 3]):
         raise InputError(f"{path}: expected categoryID to hold whole numbers of 32 bits")
@@ -89,9 +100,9 @@ def _read_npy(path: Path | str) -> np.ndarray:
         with np.errstate(over="ignore"):  # sizes beyond 64 bits are refused, without a warning before
             array = np.lib.format.open_memmap(path, mode="r")
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or _one_line(error)}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror or one_line(error)}") from error
     except Exception as error:  # NumPy parses the header as Python text, so a damaged one raises almost anything
-        raise InputError(f"{path}: expected a whole .npy file of numbers: {_one_line(error)}") from error
+        raise InputError(f"{path}: expected a whole .npy file of numbers: {one_line(error)}") from error
     if array.dtype.kind not in "bifu":
         raise InputError(f"{path}: expected real numbers, got dtype {array.dtype}")
     return np.array(array)
@@ -132,7 +143,3 @@ def _check_file(path: Path | str) -> None:
 def _fits_int32(values: np.ndarray) -> bool:
     limits = np.iinfo(np.int32)
     return bool(np.all((values == np.rint(values)) & (values >= limits.min) & (values <= limits.max)))
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200] or type(error).__name__

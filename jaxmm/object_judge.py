@@ -15,7 +15,7 @@ import safetensors.numpy
 from scipy.special import softmax
 
 from jaxmm.files import write_atomically
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, one_line
 from jaxmm.object_clues import CLUES
 
 KINDS = ("nothing", "pillar", "wall")
@@ -64,7 +64,7 @@ def load_judge(path: Path) -> ObjectJudge:
             told = (file.metadata() or {}).get("clues", "")
             tensors = {name: file.get_tensor(name) for name in file.keys()}
     except (safetensors.SafetensorError, OSError, TypeError) as error:
-        raise InputError(f"{path}: not a whole safetensors file: {str(error).splitlines()[0]}") from error
+        raise InputError(f"{path}: not a whole safetensors file: {one_line(error)}") from error
     if told.split() != list(CLUES) or tensors.keys() != set(ObjectJudge._fields):
         raise InputError(f"{path}: expected a judge of objects by the {len(CLUES)} clues of this version, got {told!r}")
     judge = ObjectJudge(**tensors)

@@ -21,9 +21,9 @@ import tomli_w
 from flax.traverse_util import flatten_dict, unflatten_dict
 
 from jaxmm.calibration import KNOTS, Calibration
-from jaxmm.config import SCENARIOS, TRAINED_METHODS, Config, PaperConfig, clipped, load, parse
+from jaxmm.config import SCENARIOS, TRAINED_METHODS, Config, PaperConfig, load, parse
 from jaxmm.files import load_json, write_atomically, write_json, write_text
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, clipped, one_line
 from jaxmm.shards import MANIFEST
 from jaxmm.train import Model, init_all
 from warp_scanner.cores import core_count
@@ -227,7 +227,7 @@ def load_models(path: Path) -> tuple[dict[str, Model], Config]:
             metadata = file.metadata() or {}
             tensors = {tuple(name.split("/")): file.get_tensor(name) for name in file.keys()}
     except (safetensors.SafetensorError, OSError) as error:
-        raise InputError(f"{path}: not a whole safetensors file: {clipped(str(error).splitlines()[0])}") from error
+        raise InputError(f"{path}: not a whole safetensors file: {one_line(error)}") from error
     if "config" not in metadata:
         raise InputError(
             f"{path}: expected settings in the metadata under `config`, found {clipped(str(sorted(metadata)))}"

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, one_line
 from jaxmm.raw_scans import RawScan
 from jaxmm.scan_arrays import read_npy, read_npz
 from jaxmm.scan_e57 import read_e57
@@ -95,4 +95,4 @@ def _line(error: Exception) -> str:
     """What a library says, where it is worth saying: a missing key or place in a list tells no user anything."""
     if isinstance(error, LookupError | AttributeError | TypeError | AssertionError):
         return f"its parts do not fit together ({type(error).__name__})"
-    return " ".join(str(error).split())[:200] or type(error).__name__
+    return one_line(error)

@@ -62,13 +62,15 @@ def settled(scan: PosedScan) -> Settled:
     tree = small_gicp.KdTree(direction, num_threads=thread_count(None))
     off, of = _off_planes(tree, direction, reach)
     noise = noise_of(off, np.ones(len(off)), of)
-    # Steps are those of the file, whose frame may be the sensor's own.
-    step = max(step_of(points), step_of(offset @ scan.rotation))
-    rounding = step / np.sqrt(12.0)
-    sigma = float(np.hypot(sigma_at(noise, np.median(reach)), rounding))
-    may_be_exact = step == 0.0 and sigma < MOST_EXACT
-    if not len(off) or (may_be_exact and np.quantile(np.abs(off), LEAST_EXACT) < EXACT):
+    sigma, rounding = float(sigma_at(noise, np.median(reach))), 0.0
+    if not len(off):
         return Settled(scan, 0.0, 0.0)
+    if sigma < MOST_EXACT and np.quantile(np.abs(off), LEAST_EXACT) < EXACT:
+        # Steps are those of the file, whose frame may be the sensor's own.
+        rounding = max(step_of(points), step_of(offset @ scan.rotation)) / np.sqrt(12.0)
+        if rounding == 0.0:
+            return Settled(scan, 0.0, 0.0)
+        sigma = float(np.hypot(sigma, rounding))
     near = nearest_rays(tree, direction, NEIGHBOURS)
     distance = _distances(direction, reach, np.hypot(sigma_at(noise, reach), rounding), near)
     kept = np.isfinite(distance)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, one_line
 from jaxmm.raw_scans import BLOCK, RawScan, check_count, check_swelling, filled, records
 from jaxmm.scan_text import rows
 
@@ -58,7 +58,7 @@ def _header(path: Path, file: io.BufferedReader) -> Any:
     try:
         header = MetaData.parse_header(lines)
     except Exception as error:  # its own words run over many lines
-        raise InputError(f"{path}: expected a whole PCD header: {' '.join(str(error).split())[:150]}") from error
+        raise InputError(f"{path}: expected a whole PCD header: {one_line(error)}") from error
     fields = len(header.fields)
     if not fields == len(header.size) == len(header.type) == len(header.count):
         raise InputError(f"{path}: expected FIELDS, SIZE, TYPE and COUNT of the same length, got {fields}, "

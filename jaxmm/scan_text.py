@@ -13,7 +13,7 @@ from typing import NamedTuple, TextIO
 
 import numpy as np
 
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, one_line
 from jaxmm.raw_scans import BLOCK, RawScan
 
 LONGEST_LINE = 1 << 16  # [characters] of a line before the points
@@ -48,7 +48,7 @@ def rows(
             table = np.loadtxt(block, comments=None, ndmin=2, **how)
         except ValueError as error:
             where = f"after row {first}, " if first else ""
-            raise ValueError(f"{where}{' '.join(str(error).split())[:200]}") from error
+            raise ValueError(f"{where}{one_line(error)}") from error
         if table.size:
             if width is not None and table.shape[1] != width:
                 raise ValueError(f"found {table.shape[1]} numbers in a line")

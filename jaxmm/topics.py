@@ -44,18 +44,14 @@ def topics_of(detection: Detection, project: str) -> tuple[Topic, ...]:
     mismatches, sentences = detection.mismatches, detection.sentences
     guids = tuple(_guids(mismatches, sentences, project))
     links = [(number, one.moved_from) for number, one in enumerate(mismatches) if one.moved_from is not None]
+    doubts = [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
     topics: list[Topic] = []
     for number, (one, words) in enumerate(zip(mismatches, sentences, strict=True)):
         twins = [removed for added, removed in links if added == number]
         twins += [added for added, removed in links if removed == number]
         scan = best_scan(detection, one)
-        doubts = [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
-        lines = [
-            words,
-            *doubts,
-            *_facts(one, detection),
-            f"Seen best by the scan {one_line(detection.scans[scan].file)}.",
-        ]
+        seen = f"Seen best by the scan {one_line(detection.scans[scan].file)}."
+        lines = [words, *doubts, *_facts(one, detection), seen]
         lines += [f"Seems to be the same object, moved: {sentences[twin]}" for twin in twins]
         topics.append(Topic(
             guids[number], words.partition(" with dimensions")[0], "\n".join(lines),

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, one_line
 
 MAX_PICKLE = 16 * 2**20  # [bytes]; a state dict's list of tensors takes some kilobytes
 STORAGES = {
@@ -83,9 +83,9 @@ def read_state_dict(path: Path | str) -> dict[str, np.ndarray]:
     except InputError:
         raise
     except (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"{path}: expected a whole zip archive as torch.save writes it: {_one_line(error)}") from error
+        raise InputError(f"{path}: expected a whole zip archive as torch.save writes it: {one_line(error)}") from error
     except Exception as error:  # zipfile leaks struct.error and others on damaged headers
-        raise InputError(f"{path}: damaged .pth file: {type(error).__name__}: {_one_line(error)}") from error
+        raise InputError(f"{path}: damaged .pth file: {type(error).__name__}: {one_line(error)}") from error
 
 
 def _read_archive(archive: zipfile.ZipFile, path: Path | str) -> dict[str, np.ndarray]:
@@ -112,7 +112,7 @@ def _read_archive(archive: zipfile.ZipFile, path: Path | str) -> dict[str, np.nd
     ) as error:  # an instruction that finds the stack or memo without its operand
         raise InputError(f"{path}: data.pkl is damaged: {type(error).__name__}") from error
     except ValueError as error:
-        raise InputError(f"{path}: {_one_line(error)}") from error
+        raise InputError(f"{path}: {one_line(error)}") from error
     order = archive.read(folder + "byteorder") if folder + "byteorder" in names else b"little"
     if order not in (b"little", b"big"):
         raise InputError(f"{path}: expected byteorder little or big, got {order[:20]!r}")
@@ -268,7 +268,3 @@ def _as_array(
     if not np.isfinite(array).all():
         raise InputError(f"{path}: expected finite numbers, got NaN or infinity in {name[:60]!r}")
     return array
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200] or type(error).__name__
