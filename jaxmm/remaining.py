@@ -10,13 +10,14 @@ from jaxmm.evidence import SUPPORT, View
 from jaxmm.hindsight import APART
 from jaxmm.judging import Judges, judge
 from jaxmm.mismatches import KINDS, Looked
+from jaxmm.object_clues import ONTO
 from jaxmm.priors import Prior
 from jaxmm.verdicts import REMOVED, Verdict
 from warp_scanner.building_poses import inside
-from warp_scanner.buildings import Building, element_bounds
+from warp_scanner.buildings import Building, Triangles, element_bounds
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import DOOR, WALL, WINDOW
-from warp_scanner.triangles import cast_triangles, prepare
+from warp_scanner.triangles import TriangleScene, cast_triangles, clearance, prepare
 
 FRAME = 0.1  # [m] by which a door or a window may stand out of its wall
 
@@ -27,8 +28,8 @@ def compared_with_what_remains(
     """The scans, those of the robot's points judged anew that are seen past what is gone.
 
     What stands behind a wall that is gone is beyond what its rays should have met, as old things there are; it is
-    before what remains, as new things are. Points on what is called gone, as on a part of it that still stands, keep
-    what was said of them, and so do those outside of the building, where nobody knows what is old.
+    before what remains, as new things are. Points on what is called gone, as on a part of it that still stands, or a
+    door that does, keep what was said of them, and so do those outside of the building, where nobody knows what is old.
 
     Args:
         prior: a building.
@@ -43,9 +44,16 @@ def compared_with_what_remains(
     gone = elements[triangles.element]
     if not np.any(triangles.semantic[elements] == WALL) or gone.all():
         return None
-    left = triangles._replace(faces=triangles.faces[~gone], element=triangles.element[~gone])
-    rest = prior._replace(scene=prepare(left))
-    return [_anew(prior, rest, one, judges) for one in looked]
+    rest = prior._replace(scene=_scene_of(triangles, ~gone))
+    # A frame has sides that its wall used to hide.
+    filling = gone & np.isin(triangles.semantic[triangles.element], (DOOR, WINDOW))
+    fillings = _scene_of(triangles, filling) if filling.any() else None
+    return [_anew(prior, (rest, fillings), one, judges) for one in looked]
+
+
+def _scene_of(triangles: Triangles, chosen: np.ndarray) -> TriangleScene:
+    """Some of the triangles."""
+    return prepare(triangles._replace(faces=triangles.faces[chosen], element=triangles.element[chosen]))
 
 
 def _gone(building: Building, verdicts: list[Verdict]) -> np.ndarray:
@@ -58,10 +66,12 @@ def _gone(building: Building, verdicts: list[Verdict]) -> np.ndarray:
     return gone
 
 
-def _anew(prior: Prior, rest: Prior, one: Looked, judges: Judges) -> Looked:
+def _anew(prior: Prior, left: tuple[Prior, TriangleScene | None], one: Looked, judges: Judges) -> Looked:
+    """One scan compared with what is left: the prior without what is gone, and its doors and windows, which may hang."""
+    rest, fillings = left
     seen, rays, old = sight(rest, one.rays), one.rays, one.added.view
     fresh = (seen.robot.count != old.count).any(axis=1) & (old.count[:, SUPPORT] == 0)
-    fresh[fresh] = _indoors(prior, old.points[fresh], rays.position)
+    fresh[fresh] = _indoors(prior, old.points[fresh], rays.position) & ~_is_on(fillings, old.points[fresh])
     if not fresh.any():
         return one
     view = View(*(None if a is None else _chosen(fresh, a, b) for a, b in zip(seen.robot, old, strict=True)))
@@ -71,7 +81,7 @@ def _anew(prior: Prior, rest: Prior, one: Looked, judges: Judges) -> Looked:
     differs = np.flatnonzero((new != expected) & np.isfinite(rays.distance))
     past = differs[np.abs(rays.distance[differs] - expected[differs]) > APART]
     ends = rays.position + rays.direction[past] * rays.distance[past, None].astype(np.float64)
-    past = past[_indoors(prior, ends, rays.position)]
+    past = past[_indoors(prior, ends, rays.position) & ~_is_on(fillings, ends)]
     expected[past] = new[past]
     return one._replace(expected=expected, added=side._replace(pillar=pillar, wall=wall))
 
@@ -81,6 +91,13 @@ def _indoors(prior: Prior, points: np.ndarray, sensor: np.ndarray) -> np.ndarray
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
     covered = np.isfinite(cast_triangles(prior.scene, Rays(np.vstack([sensor, points]), up)).distance[:, 0])
     return inside(prior.building, prior.scene, points) & (covered[1:] | ~covered[0])
+
+
+def _is_on(scene: TriangleScene | None, points: np.ndarray) -> np.ndarray:
+    """(N,) bool: on the surface of something."""
+    if scene is None:
+        return np.zeros(len(points), bool)
+    return clearance(scene, points, ONTO) < ONTO
 
 
 def _chosen(fresh: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:

@@ -246,6 +246,16 @@ def test_doors_and_windows_are_gone_with_their_wall_and_hide_nothing_new(judges)
     assert new.dimensions[:2].max() > 4.5
 
 
+@pytest.mark.parametrize("at", [0.6, 0.9, 1.2])
+def test_sides_of_windows_that_hang_where_their_wall_is_gone_are_not_new(judges, at):
+    """Nobody saw them before: the wall hid them."""
+    windows = [((3.0, way * (at + 0.45), 1.25), (0.11, 0.45, 1.05), WINDOW) for way in (-1.0, 1.0)]
+    gone, new = found_of_gone(
+        judges, walls_of_room(3.0, BEYOND, *windows, far_wall=()), walls_of_room(3.0, BEYOND, *windows), (1.2, 0.0, 1.4)
+    )
+    assert gone and new == []
+
+
 def test_what_is_seen_through_a_gone_outer_wall_is_not_new(judges):
     """A house across the street, on ground that is in the model; floor and ceiling end at the outer wall."""
     ground, across = ((8.0, 0.0, -0.3), (12.0, 12.0, 0.05), TABLE), ((9.0, 0.0, 1.5), (0.2, 6.0, 2.0), WALL)
