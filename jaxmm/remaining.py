@@ -67,7 +67,7 @@ def _gone(building: Building, verdicts: list[Verdict]) -> np.ndarray:
 
 
 def _anew(prior: Prior, left: tuple[Prior, TriangleScene | None], one: Looked, judges: Judges) -> Looked:
-    """One scan compared with what is left: the prior without what is gone, and its doors and windows, which may hang."""
+    """One scan compared with what is left: a prior without what is gone, and its doors and windows, which may hang."""
     rest, fillings = left
     seen, rays, old = sight(rest, one.rays), one.rays, one.added.view
     fresh = (seen.robot.count != old.count).any(axis=1) & (old.count[:, SUPPORT] == 0)
