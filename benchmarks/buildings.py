@@ -7,9 +7,10 @@ Removed: the model's element is not there. Added: something stands free. Missing
 belongs, that the model lacks. A view of a change with an observable fraction of at least 0.2 is right when exactly that
 element is called removed, or exactly that object is found; of a change that shows less, finding nothing is right as
 well. Most of a missing wall is out of view, so boxes of its type have to hold half of the rays that show it, and none
-may be on anything else. What is there is not made again. Prints Markdown, and how long a scan of 1280 x 800 takes: from
-loaded arrays to the report, warm; and the whole command `jaxmm detect`, with empty caches, as on a new machine, and
-again with those that the first left.
+may be on anything else. Views in which something of another kind would look the same, see `lookalikes`, are told apart
+from the others. What is there is not made again. Prints Markdown, and how long a scan of 1280 x 800 takes: from loaded
+arrays to the report, warm; and the whole command `jaxmm detect`, with empty caches, as on a new machine, and again with
+those that the first left.
 """
 
 import argparse
@@ -25,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.detection_scores import LEAST_SHOWN
+from benchmarks.lookalikes import lookalikes, sections_of, view_of
 from jaxmm.box_match import match_boxes
 from jaxmm.config import SCENARIOS
 from jaxmm.detect_files import read_judges
@@ -103,6 +105,7 @@ def _view(prior: Prior, judges: Judges, scenario: str, pairs: Pairs, scan: Posed
     if missing:
         prior = prior_of_building(without(prior.building, np.array([row])))
     told = {"scenario": scenario, "shown": shown[0], "pose": [float(one) for one in scan.position]}
+    told["alike"] = [] if removed else sorted(lookalikes(view_of(pairs), true[0], sections_of(prior.building)))
     try:
         settings = DetectSettings(propose_views=False)
         detection = detect_scans(prior, [NamedScan(scan, "scan", len(scan.points), "given")], judges, settings)
@@ -181,8 +184,8 @@ def table(out: Path, condition: str, seed: int) -> str:
     for changes in (SCENARIOS, MISSING):
         timed = changes is SCENARIOS
         seconds = ("reading [s]", "detection warm [s]", "command, caches empty [s]", "command again [s]")
-        names = ["file", "views", "refused", "shown well", "of those right", "shown less", "of those right",
-                 "false mismatches", *(seconds if timed else ())]  # fmt: skip
+        names = ["file", "views", "refused", "shown well", "of those right", "without look-alikes", "of those right",
+                 "shown less", "of those right", "false mismatches", *(seconds if timed else ())]  # fmt: skip
         lines += [f"| {' | '.join(names)} |", f"|{' --- |' * len(names)}"]
         for path in sorted(out.glob(_kept(out, "*", condition, seed).name)):
             told = load_json(path)
@@ -196,13 +199,14 @@ def table(out: Path, condition: str, seed: int) -> str:
 
 
 def _counts(views: list[dict[str, Any]], changes: tuple[str, ...]) -> list[int]:
-    """Of views: all, refused, those that show the change well, right ones of them, less, right ones, false boxes."""
+    """Counts of views, as the table has them; of changes that show well all, and those without a look-alike."""
     views = [one for one in views if one["scenario"] in changes]
     believed = [one for one in views if "refused" not in one]
     well = [one for one in believed if one["shown"] >= LEAST_SHOWN]
     less = [one for one in believed if one["shown"] < LEAST_SHOWN]
     counts = [len(views), len(views) - len(believed)]
-    counts += [len(well), sum(one["found"] == 1 and one["false"] == 0 for one in well)]
+    for those in (well, [one for one in well if not one["alike"]]):
+        counts += [len(those), sum(one["found"] == 1 and one["false"] == 0 for one in those)]
     return [*counts, len(less), sum(one["false"] == 0 for one in less), sum(one["false"] for one in believed)]
 
 

@@ -3,6 +3,7 @@
 P rays of one scan. Positions are offsets from the prior's origin, world axes: metres, z up.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -79,15 +80,22 @@ def of_gone_box(box: Box, rays: ScanRays) -> Alone:
     return Alone(int(meets.sum()), int(beyond.sum()), int(on_it.sum()))
 
 
+def ranges_to(boxes: Sequence[Box], position: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Ranges (B, P) float32 [m] from a place (3,) along unit vectors (P, 3) to each box alone; inf = passes it."""
+    half = np.array([one.dimensions for one in boxes], np.float32).reshape(-1, 1, 3) / 2
+    is_round = np.array([[one.shape == "round"] for one in boxes], bool).reshape(-1, 1)
+    half[..., :2] = np.where(is_round[..., None], half[..., :2].mean(axis=-1, keepdims=True), half[..., :2])
+    alone = Primitives(
+        np.where(is_round, CYLINDER, BOX).astype(np.uint8),
+        np.array([one.center for one in boxes], np.float32).reshape(-1, 1, 3), half,
+        np.radians(np.array([[one.rotation] for one in boxes], np.float32)).reshape(-1, 1),
+        np.zeros(is_round.shape, np.int32), np.ones(is_round.shape, np.uint8),
+    )  # fmt: skip
+    places = np.tile(np.asarray(position, np.float32), (len(boxes), 1))
+    return cast_rays(alone, None, Rays(places, direction)).distance
+
+
 def _reach(box: Box, share: float, rays: ScanRays) -> np.ndarray:
     """Ranges (P,) [m] to a box whose horizontal edges are shrunk to a share; inf = passes it."""
-    half = np.asarray(box.dimensions, np.float64) / 2 * [share, share, 1.0]
-    kind = CYLINDER if box.shape == "round" else BOX
-    if kind == CYLINDER:
-        half[:2] = half[:2].mean()
-    center, half = np.asarray(box.center, np.float32), half.astype(np.float32)
-    alone = Primitives(
-        np.array([[kind]], np.uint8), center[None, None], half[None, None],
-        np.radians(np.array([[box.rotation]], np.float32)), np.zeros((1, 1), np.int32), np.ones((1, 1), np.uint8),
-    )  # fmt: skip
-    return cast_rays(alone, None, Rays(rays.position.astype(np.float32)[None], rays.direction)).distance[0]
+    shrunk = box._replace(dimensions=np.asarray(box.dimensions, np.float64) * [share, share, 1.0])
+    return ranges_to([shrunk], rays.position, rays.direction)[0]

@@ -19,6 +19,8 @@ from warp_scanner.sensors import Pose, Sensor
 from warp_scanner.sites import Site
 from warp_scanner.triangles import TriangleScene, cast_triangles, clearance
 
+WALL_LENGTH, WALL_THICKNESS = (1.0, 4.5), (0.1, 0.3)  # [m] of what is added, unless it is a copy
+COLUMN_WIDTH = (0.2, 0.9)  # [m] square or round
 _STANDING = 1.0  # [m] least height of what counts as a wall or column rather than a sill or a base
 _OPEN_HEIGHT = 2.6  # [m] of what is added where there is no ceiling
 _STEP = 0.2  # [m] between the points that must be free inside whatever is put in
@@ -162,10 +164,10 @@ def _shapes(semantic: int, key: np.ndarray) -> tuple[np.ndarray, ...]:
     """Length, width, yaw [rad] and roundness of every try."""
     turn = draws.between(key, "change yaw", (-np.pi / 2, np.pi / 2), _TRIES)[0]
     if semantic == WALL:
-        length = draws.between(key, "change length", (1.0, 4.5), _TRIES)[0]
-        width = draws.between(key, "change thickness", (0.1, 0.3), _TRIES)[0]
+        length = draws.between(key, "change length", WALL_LENGTH, _TRIES)[0]
+        width = draws.between(key, "change thickness", WALL_THICKNESS, _TRIES)[0]
         return length, width, turn, np.zeros(_TRIES, bool)
-    width = draws.between(key, "change width", (0.2, 0.9), _TRIES)[0]
+    width = draws.between(key, "change width", COLUMN_WIDTH, _TRIES)[0]
     return width, width, turn, draws.uniform(key, "change round", _TRIES)[0] < 0.5
 
 
