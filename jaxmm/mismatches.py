@@ -27,6 +27,7 @@ from jaxmm.verdicts import REMOVED, Verdict
 from warp_scanner.building_changes import of_element
 from warp_scanner.scan import Rays as Casts
 from warp_scanner.scenes import CEILING, FLOOR, PILLAR, WALL
+from warp_scanner.sightlines import cells_of
 from warp_scanner.triangles import cast_triangles
 
 KINDS = {WALL: "wall", PILLAR: "pillar"}
@@ -37,6 +38,7 @@ MOST_OPEN = 0.3  # and that may pass through its openings, if it is a wall, belo
 STOREY = 1.5  # [m] between floors of two storeys, at least
 LEAST_LOWER = 0.05  # [m] by which a roof is lower than the ceiling that a thing is made up to
 OFF_PLACE, MOST_TURNED = 1.2, 0.1  # [m] and sine of the angle, by which a wall may be built off its place
+SKY = np.radians(1.0)  # of one direction of which nothing comes back: about a voxel of 0.1 m at 6 m
 FURNITURE = ObjectSettings().furniture_height  # [m]
 SAME_SIZE = (0.1, 0.15)  # [m], share: sides of an object that moved differ by no more than the greater of both
 
@@ -200,11 +202,40 @@ def judged_side(looked: list[Looked], change: str) -> Judged:
     floor, ceiling = min(one.levels[0] for one in looked), max(one.levels[1] for one in looked)
     rays = tuple(Rays(one.rays.position, one.rays.direction, one.rays.distance) for one in looked)
     over = [side.view.ceiling for side in sides]
-    return Judged(
+    judged = Judged(
         points, pillar, wall, apart, sensors, floor, ceiling, scan,
         rays if change == "added" else None,  # what the robot's rays met says nothing of the faces of what is gone
         None if any(one is None for one in over) else np.concatenate(over),
     )  # fmt: skip
+    return _with_sky(judged, looked) if change == "added" else judged
+
+
+def _with_sky(judged: Judged, looked: list[Looked]) -> Judged:
+    """The same with points beyond all others, where nothing came back and nothing should: there one looks through."""
+    skies = [_sky(one) for one in looked]
+    scan = np.repeat(np.arange(len(skies)), [len(sky) for sky in skies])
+    if not len(scan):
+        return judged
+    old = np.zeros(len(scan))
+    return judged._replace(
+        points=np.concatenate([judged.points, *skies]),
+        pillar=np.concatenate([judged.pillar, old]),
+        wall=np.concatenate([judged.wall, old]),
+        apart=np.concatenate([judged.apart, old]),
+        scan=np.concatenate([judged.scan, scan]),
+        over=None if judged.over is None else np.concatenate([judged.over, np.full(len(scan), judged.ceiling)]),
+    )
+
+
+def _sky(one: Looked) -> np.ndarray:
+    """(n, 3) [m] a place for each cell of directions, of which a scan brings nothing back, and should not."""
+    rays = one.rays
+    none = np.flatnonzero(np.isinf(rays.distance) & (np.isinf(one.expected) | (one.expected > rays.limit)))
+    if not len(none):
+        return np.zeros((0, 3))
+    chosen = none[np.unique(cells_of(rays.direction[none], SKY)[0], return_index=True)[1]]
+    farthest = float(rays.distance[: rays.measured].max()) + 1.0
+    return rays.position + rays.direction[chosen].astype(np.float64) * farthest
 
 
 def _face(box: Box, points: np.ndarray) -> np.ndarray | None:

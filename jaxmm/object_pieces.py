@@ -214,7 +214,8 @@ def _may_be_upright(sight: Sight, piece: Piece, settings: PieceSettings) -> bool
     if not settings.least_height <= high - low < settings.furniture_height:
         return high - low >= settings.furniture_height
     start, end, sight = *front_of(piece), sight.under(piece.members)
-    for bottom, top in ((high, sight.ceiling), (sight.floor, low)):
+    ends_as_furniture = high - sight.floor < settings.furniture_height
+    for bottom, top in ((high, sight.ceiling if ends_as_furniture else high), (sight.floor, low)):
         if top - bottom > settings.least_gap:
             patch = Patch(start, end, bottom + settings.rim, top - settings.rim)
             if crossings(sight, patch, settings.tolerance).free > settings.free:

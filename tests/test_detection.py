@@ -19,7 +19,7 @@ from jaxmm.scan_rays import PosedScan, rays_of_scan
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import CEILING, DOOR, FLOOR, TABLE, WALL, WINDOW
+from warp_scanner.scenes import CEILING, DOOR, FLOOR, PILLAR, TABLE, WALL, WINDOW
 from warp_scanner.sensors import OAK_D_PRO_SMALL
 from warp_scanner.triangles import cast_triangles, prepare
 
@@ -276,3 +276,23 @@ def test_behind_what_is_gone_only_a_wall_beside_its_place_is_new(judges, thing):
     real = walls_of_room(3.0, BEYOND, (*thing, WALL), far_wall=())
     gone, new = found_of_gone(judges, real, walls_of_room(3.0))
     assert gone and new == []
+
+
+A_TABLE = ((-1.4, 0.4, 0.65), (0.2, 0.6, 0.65), TABLE)
+
+
+@pytest.mark.parametrize("height, more", [(1.2, ()), (1.8, ()), (2.6, ()), (3.2, ()), (2.6, (A_TABLE,))])
+def test_in_the_open_things_end_where_nothing_comes_back_above_them(judges, height, more):
+    """Nothing is behind them: what ends as low as furniture is none of the building's, and what does not is."""
+    slab, wall = ((0, 0, -0.1), (8, 6, 0.1), FLOOR), ((4.0, -3.5, 2.5), (0.1, 1.5, 2.5), WALL)
+    thing = ((0.8, 0.9, height / 2), (0.25, 0.25, height / 2), PILLAR)
+    prior, position = prior_of_building(building_of((slab, wall))), np.array([-3.0, 0.0, 1.4])
+    scan = scan_of(building_of((slab, wall, thing, *more)), position)
+    found = detect_scans(prior, [named(scan)], judges, AS_IS).mismatches
+    if height < 2.25:
+        assert found == ()
+    else:
+        (new,) = found
+        assert new.object_type == "pillar" and np.abs(new.center[:2] - [0.8, 0.9]).max() < 0.1
+        assert new.dimensions[2] == pytest.approx(height, abs=0.15)
+        assert new.measured[2] == (not more)  # nobody saw its foot behind a table
