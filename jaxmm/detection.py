@@ -13,6 +13,7 @@ from jaxmm.boxes import MISMATCH_TYPES
 from jaxmm.building_sighting import passed_by, sight, surfaces_along
 from jaxmm.cloud_comparison import compare, visible
 from jaxmm.detect_settings import DetectSettings
+from jaxmm.hanging import without_hanging
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges, Side, judge, unjudged
 from jaxmm.mismatches import Looked, mismatches_of, shown_by_each
@@ -61,6 +62,8 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     timing["settling"] = time.perf_counter() - start
     placed = [_placed(prior, one, settings) for one in scans]
     timing["registration"] = time.perf_counter() - start - sum(timing.values())
+    if settings.preset != "thesis":
+        prior = without_hanging(prior, [SEMANTIC[name] for name in settings.classes])
     looked, told = [], []
     for one, scan in zip(placed, scans, strict=True):
         try:

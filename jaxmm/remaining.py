@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxmm.building_sighting import sight
 from jaxmm.evidence import SUPPORT, View
+from jaxmm.hanging import FILLINGS, scene_of
 from jaxmm.hindsight import APART
 from jaxmm.judging import Judges, judge
 from jaxmm.mismatches import KINDS, Looked
@@ -14,10 +15,10 @@ from jaxmm.object_clues import ONTO
 from jaxmm.priors import Prior
 from jaxmm.verdicts import REMOVED, Verdict
 from warp_scanner.building_poses import inside
-from warp_scanner.buildings import Building, Triangles, element_bounds
+from warp_scanner.buildings import Building, element_bounds
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import DOOR, WALL, WINDOW
-from warp_scanner.triangles import TriangleScene, cast_triangles, clearance, prepare
+from warp_scanner.scenes import WALL
+from warp_scanner.triangles import TriangleScene, cast_triangles, clearance
 
 FRAME = 0.1  # [m] by which a door or a window may stand out of its wall
 
@@ -40,20 +41,15 @@ def compared_with_what_remains(
     Returns:
         The scans; None where no wall is gone, or everything is: of what is new there only walls count.
     """
-    triangles, elements = prior.building.triangles, _gone(prior.building, verdicts)
+    triangles, elements = prior.scene.triangles, _gone(prior.building, verdicts)
     gone = elements[triangles.element]
     if not np.any(triangles.semantic[elements] == WALL) or gone.all():
         return None
-    rest = prior._replace(scene=_scene_of(triangles, ~gone))
+    rest = prior._replace(scene=scene_of(triangles, ~gone))
     # A frame has sides that its wall used to hide.
-    filling = gone & np.isin(triangles.semantic[triangles.element], (DOOR, WINDOW))
-    fillings = _scene_of(triangles, filling) if filling.any() else None
+    filling = gone & np.isin(triangles.semantic[triangles.element], FILLINGS)
+    fillings = scene_of(triangles, filling) if filling.any() else None
     return [_anew(prior, (rest, fillings), one, judges) for one in looked]
-
-
-def _scene_of(triangles: Triangles, chosen: np.ndarray) -> TriangleScene:
-    """Some of the triangles."""
-    return prepare(triangles._replace(faces=triangles.faces[chosen], element=triangles.element[chosen]))
 
 
 def _gone(building: Building, verdicts: list[Verdict]) -> np.ndarray:
@@ -61,7 +57,7 @@ def _gone(building: Building, verdicts: list[Verdict]) -> np.ndarray:
     semantic = building.triangles.semantic
     gone = np.array([one.verdict == REMOVED for one in verdicts]) & np.isin(semantic, list(KINDS))
     low, high = element_bounds(building.triangles)
-    for row in np.flatnonzero(np.isin(semantic, (DOOR, WINDOW))):
+    for row in np.flatnonzero(np.isin(semantic, FILLINGS)):
         gone[row] = np.any(gone & np.all((low <= low[row] + FRAME) & (high >= high[row] - FRAME), axis=1))
     return gone
 

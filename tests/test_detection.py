@@ -256,6 +256,18 @@ def test_sides_of_windows_that_hang_where_their_wall_is_gone_are_not_new(judges,
     assert gone and new == []
 
 
+def test_a_wall_that_the_model_lacks_is_found_around_the_windows_that_it_has(judges):
+    """Strips of 0.7 m between windows, much of them within 0.1 m of these; each alone may be anything."""
+    windows = [((3.0, y, 1.3), (0.05, 0.35, 0.9), WINDOW) for y in np.arange(-2.1, 2.2, 1.4)]
+    prior = prior_of_building(walls_of_room(3.0, BEYOND, *windows, far_wall=()))
+    found = detect_scans(
+        prior, [named(scan_of(walls_of_room(3.0, BEYOND, *windows), np.array([1.6, 0.2, 1.4])))], judges, AS_IS
+    )
+    (new,) = found.mismatches
+    assert new.object_type == "wall" and new.center[0] == pytest.approx(3.0, abs=0.1)
+    assert any("4 doors and windows of the model are in no wall" in note for note in found.notes)
+
+
 def test_what_is_seen_through_a_gone_outer_wall_is_not_new(judges):
     """A house across the street, on ground that is in the model; floor and ceiling end at the outer wall."""
     ground, across = ((8.0, 0.0, -0.3), (12.0, 12.0, 0.05), TABLE), ((9.0, 0.0, 1.5), (0.2, 6.0, 2.0), WALL)
