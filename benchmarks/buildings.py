@@ -6,11 +6,11 @@ Every IFC file below FOLDER; for each of the six changes as many views as asked 
 Removed: the model's element is not there. Added: something stands free. Missing: one of the building's own, where it
 belongs, that the model lacks. A view of a change with an observable fraction of at least 0.2 is right when exactly that
 element is called removed, or exactly that object is found; of a change that shows less, finding nothing is right as
-well. Most of a missing wall is out of view, so boxes of its type have to hold half of the rays that show it, and none
-may be on anything else. Views in which something of another kind would look the same, see `lookalikes`, are told apart
-from the others. What is there is not made again. Prints Markdown, and how long a scan of 1280 x 800 takes: from loaded
-arrays to the report, warm; and the whole command `jaxmm detect`, with empty caches, as on a new machine, and again with
-those that the first left.
+well, but nothing that is gone may be called present. Most of a missing wall is out of view, so boxes of its type have
+to hold half of the rays that show it, and none may be on anything else. Views in which something of another kind would
+look the same, see `lookalikes`, are told apart from the others. What is there is not made again. Prints Markdown, and
+how long a scan of 1280 x 800 takes: from loaded arrays to the report, warm; and the whole command `jaxmm detect`, with
+empty caches, as on a new machine, and again with those that the first left.
 """
 
 import argparse
@@ -40,7 +40,7 @@ from jaxmm.priors import Prior, prior_of_building, read_prior
 from jaxmm.report import Mismatch, box_of, to_json
 from jaxmm.room_scans import true_boxes
 from jaxmm.scan_rays import PosedScan
-from jaxmm.verdicts import REMOVED
+from jaxmm.verdicts import PRESENT, REMOVED
 from jaxmm.weights import DEFAULT
 from warp_scanner.building_pairs import MISSING, BuildingPairConfig, make_building_pairs
 from warp_scanner.buildings import without
@@ -207,7 +207,8 @@ def _counts(views: list[dict[str, Any]], changes: tuple[str, ...]) -> list[int]:
     counts = [len(views), len(views) - len(believed)]
     for those in (well, [one for one in well if not one["alike"]]):
         counts += [len(those), sum(one["found"] == 1 and one["false"] == 0 for one in those)]
-    return [*counts, len(less), sum(one["false"] == 0 for one in less), sum(one["false"] for one in believed)]
+    right = sum(one["false"] == 0 and one["verdict"] != PRESENT for one in less)
+    return [*counts, len(less), right, sum(one["false"] for one in believed)]
 
 
 if __name__ == "__main__":

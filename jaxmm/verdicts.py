@@ -13,6 +13,8 @@ from jaxmm.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN
 
 PRESENT, REMOVED, OCCLUDED, UNSCANNED = VERDICTS = ("present", "removed", "occluded", "unscanned")
 MOST_SURE = 12.0  # logit beyond which one scan is not trusted
+# Shares of an element's rays that go through, up to which its points' doubts count as much, and from which not at all.
+DOUBTED, UNDOUBTED = 0.8, 0.9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +50,8 @@ def told_of(scanned: np.ndarray, element: np.ndarray, rays: np.ndarray, probabil
 
     Rays that go through an element or end on it tell of it; blocked and unseen ones do not. Its probability is the
     mean of its points', each as often as rays tell of it, half and half with the share of its rays that went through: a
-    network may doubt point by point what all of them together leave no doubt of.
+    network may doubt point by point what all of them together leave no doubt of. Where nine in ten rays go through, it
+    has no say against it: it learnt in rooms, and behind an outer wall that is gone most rays bring nothing back.
 
     Args:
         scanned: (E,) bool.
@@ -70,7 +73,9 @@ def told_of(scanned: np.ndarray, element: np.ndarray, rays: np.ndarray, probabil
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(element, votes * probability, count) / total
     share = (pooled[:, THROUGH] + 0.5) / (pooled[:, [THROUGH, SUPPORT]].sum(axis=1) + 1.0)
-    logit = np.where(total > 0, (_logit(mean) + _logit(share)) / 2, np.nan)
+    points, rays_say = _logit(mean), _logit(share)
+    heard = np.where(points < rays_say, np.clip((UNDOUBTED - share) / (UNDOUBTED - DOUBTED), 0.0, 1.0), 1.0) / 2
+    logit = np.where(total > 0, heard * points + (1.0 - heard) * rays_say, np.nan)
     return Told(np.asarray(scanned, bool), np.bincount(element, minlength=count), pooled, logit)
 
 

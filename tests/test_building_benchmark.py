@@ -41,18 +41,20 @@ def test_boxes_hold_a_missing_wall_together_and_one_on_something_else_is_false()
 
 
 def test_views_are_counted_by_change_and_by_how_much_they_show(tmp_path):
-    def view(scenario, shown, found, false, alike=()):
-        return {"scenario": scenario, "shown": shown, "found": found, "false": false, "alike": list(alike)}
+    def view(scenario, shown, found, false, alike=(), verdict=None):
+        counted = {"found": found, "false": false, "alike": list(alike), "verdict": verdict}
+        return {"scenario": scenario, "shown": shown} | counted
 
     views = [
         view("wall_added", 0.9, 1, 0), view("wall_added", 0.9, 1, 1), view("wall_removed", 0.1, 0, 0),
-        view("wall_removed", 0.1, 0, 2), {"scenario": "pillar_added", "shown": 0.5, "refused": "why"},
+        view("wall_removed", 0.1, 0, 2), view("wall_removed", 0.1, 0, 0, verdict="present"),
+        {"scenario": "pillar_added", "shown": 0.5, "refused": "why"},
         view("wall_missing", 0.6, 1, 0), view("pillar_missing", 0.7, 0, 0, ["wall"]),
     ]  # fmt: skip
-    assert counts(views, SCENARIOS) == [5, 1, 2, 1, 2, 1, 2, 1, 3]
+    assert counts(views, SCENARIOS) == [6, 1, 2, 1, 2, 1, 3, 1, 3]
     assert counts(views, MISSING) == [2, 0, 2, 1, 1, 1, 0, 0, 0]
     write_json(tmp_path / "house_occluded_3.json", {"views": views, "loading": 1.0, "seconds": {"warm": 0.5}})
     write_json(tmp_path / "house_occluded_4.json", {"views": [], "loading": 1.0, "seconds": {}})
     rows = [line for line in table(tmp_path, "occluded", 3).splitlines() if line.startswith("| house")]
-    assert rows[0].startswith("| house | 5 | 1 | 2 | 1 | 2 | 1 | 2 | 1 | 3 | 1.0 | 0.50 |")
+    assert rows[0].startswith("| house | 6 | 1 | 2 | 1 | 2 | 1 | 3 | 1 | 3 | 1.0 | 0.50 |")
     assert rows[1] == "| house | 2 | 0 | 2 | 1 | 1 | 1 | 0 | 0 | 0 |"

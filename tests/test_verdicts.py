@@ -21,6 +21,9 @@ def told(rays, probability, scanned=True):
         pytest.param([[0, 30, 0, 0]], 0.01, PRESENT, id="all rays ended on it"),
         pytest.param([[7831, 0, 0, 0]], 0.24, REMOVED, id="all rays went through, and the network doubts it"),
         pytest.param([[0, 7831, 0, 0]], 0.7, PRESENT, id="all rays ended on it, and the network doubts it"),
+        pytest.param([[1505, 9, 0, 429]], 0.006, REMOVED, id="an outer wall: hardly any ray ended on it"),
+        pytest.param([[1400, 90, 0, 28000]], 0.0001, REMOVED, id="an outer wall, behind which little comes back"),
+        pytest.param([[560, 310, 770, 0]], 0.02, PRESENT, id="errors send many rays through, and the network knows"),
         pytest.param([[0, 0, 500, 0]], 0.99, OCCLUDED, id="all rays ended before it"),
         pytest.param([[0, 0, 0, 500]], 0.99, OCCLUDED, id="no ray came back"),
         pytest.param([[10, 9, 0, 0]], 0.99, OCCLUDED, id="too few rays to tell"),
@@ -35,6 +38,16 @@ def test_what_rays_tell(rays, probability, expected):
         assert found.probability == PRIOR
     else:
         assert (found.probability > 0.5) == (expected == REMOVED)
+
+
+def test_the_more_rays_go_through_the_likelier_an_element_is_gone():
+    """Whatever the network says, and nowhere with a jump."""
+    draw = np.random.default_rng(4)
+    for _ in range(200):
+        through, probability = np.arange(2001), draw.uniform(0.0, 1.0) ** 4
+        rays = np.column_stack([through, 2000 - through, *np.zeros((2, 2001), int)])
+        logit = told_of(np.ones(2001, bool), np.arange(2001), rays, np.full(2001, probability)).logit
+        assert np.all(np.diff(logit) > 0.0) and np.diff(logit)[50:-50].max() < 0.2
 
 
 def test_what_is_not_in_the_scan_is_unscanned():
