@@ -290,7 +290,7 @@ def _scan(options: argparse.Namespace) -> None:
             raise InputError(f"--unit, --up: only for mesh files; {options.scene} says its unit and axes itself")
         building = read_building(options.scene, reading)
         scene = prepare(building.triangles)
-        building_poses.check_position(building, scene, position)
+        building_poses.check_position(building, scene, position, sensor.range_limits[1])
     except (ValueError, ImportError) as error:
         raise InputError(str(error)) from error
     rotation, directions = sensors.rotation_of([yaw], [pitch]), sensor.directions()
@@ -299,13 +299,15 @@ def _scan(options: argparse.Namespace) -> None:
     incidence = incidence_of(face_normals(building.triangles, face), rays)
     found = imperfect(found, incidence, sensor, options.seed, np.zeros(1, int))
     incidence = np.where(np.isfinite(found.distance), incidence, np.nan).astype(np.float32)
+    hits = int(np.isfinite(found.distance).sum())
+    if not hits:
+        raise InputError(f"--pose {options.pose}: no ray of the sensor meets anything of {options.scene} from there")
     light = intensity_of(found.distance, found.semantic, incidence)
     arrays = (field[0] for field in (*found, incidence, light))
     scan = clouds.SensorScan(np.asarray(position), rotation[0], directions, *arrays, building.elements)
     clouds.write_scan(options.out, scan)
     for remark in buildings.remarks(building):
         print(remark)
-    hits = int(np.isfinite(scan.distance).sum())
     if hits < FEW_RETURNS * len(directions):
         print(f"note: only {hits / len(directions):.1%} of the rays return; is the sensor inside of something?")
     print(

@@ -29,7 +29,7 @@ from jaxmm.scan_poses import GivenPose
 from jaxmm.scan_rays import PosedScan
 from jaxmm.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
 from jaxmm.weights import DEFAULT
-from warp_scanner.building_poses import inside
+from warp_scanner.building_poses import away_from
 from warp_scanner.buildings import ReadOptions, bounds
 from warp_scanner.sensors import OAK_D_PRO, Pinhole, Sensor
 from warp_scanner.voxels import thin_clouds
@@ -205,7 +205,7 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
         pose = viewpoint.position, GivenPose(viewpoint.position, viewpoint.yaw, viewpoint.pitch).rotation
         deviation = tuple(float(value) for value in viewpoint.deviation)
     placed = PosedScan((points - prior.origin).astype(np.float32), pose[0] - prior.origin, pose[1], sensor)
-    _check_place(prior, placed, source)
+    _check_place(prior, placed, thin - prior.origin, source)
     return NamedScan(placed, name, len(scan.points), source, deviation, (*notes, *doubts), tuple(doubts))
 
 
@@ -223,11 +223,22 @@ def _viewpoint(prior: Prior, thin: np.ndarray, camera: Pinhole) -> tuple[Viewpoi
     raise alone
 
 
-def _check_place(prior: Prior, scan: PosedScan, source: str) -> None:
-    """Refuse a sensor that is nowhere near the prior; `source` says where its pose is from."""
-    if prior.scene is None or inside(prior.building, prior.scene, scan.position[None])[0]:
+def _check_place(prior: Prior, scan: PosedScan, thin: np.ndarray, source: str) -> None:
+    """Refuse a sensor so far outside of the prior that none of its points (N, 3) [m] can be on it.
+
+    `source` says where its pose is from.
+    """
+    if prior.building is None:
         return
-    low, high = (corner + prior.origin for corner in bounds(prior.building.triangles))
+    away = away_from(prior.building, scan.position)
+    most = scan.sensor.range_limits[1] if scan.sensor else np.inf
+    reach = min(most, float(np.linalg.norm(thin - scan.position, axis=1).max(initial=0.0)))
+    if away <= reach:
+        return
+    low, high = bounds(prior.building.triangles)
     where = ", ".join(f"{value:.10g}" for value in scan.position + prior.origin)
-    spans = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low, high, strict=True))
-    raise InputError(f"the pose {where}, {source}, is outside the building, which spans {spans} m")
+    spans = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low + prior.origin, high + prior.origin, strict=True))
+    raise InputError(
+        f"the pose {where}, {source}, is {away:.4g} m outside the building, which spans {spans} m, "
+        f"and the scan reaches {reach:.4g} m: it cannot show any of it"
+    )

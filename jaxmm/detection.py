@@ -18,6 +18,7 @@ from jaxmm.inputs import InputError
 from jaxmm.judging import Judges, Side, judge, unjudged
 from jaxmm.mismatches import Looked, mismatches_of, shown_by_each
 from jaxmm.next_view import Stage, next_views, stand_of
+from jaxmm.outdoors import OUTDOORS, is_outdoors, of_building_only
 from jaxmm.placement import Placed, place
 from jaxmm.priors import Prior
 from jaxmm.remaining import compared_with_what_remains
@@ -25,6 +26,7 @@ from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, Sca
 from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts import OCCLUDED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
+from warp_scanner.building_poses import away_from
 from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
 from warp_scanner.sensors import Pinhole
 
@@ -61,16 +63,21 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         scans = [_settled(one) for one in scans]
     timing["settling"] = time.perf_counter() - start
     placed = [_placed(prior, one, settings) for one in scans]
+    outdoors = [is_outdoors(prior, one.scan.position) for one in placed]
+    scans = [
+        one._replace(notes=(*one.notes, OUTDOORS)) if is_out else one
+        for one, is_out in zip(scans, outdoors, strict=True)
+    ]
     timing["registration"] = time.perf_counter() - start - sum(timing.values())
     if settings.preset != "thesis":
         prior = without_hanging(prior, [SEMANTIC[name] for name in settings.classes])
     looked, told = [], []
-    for one, scan in zip(placed, scans, strict=True):
+    for one, scan, is_out in zip(placed, scans, outdoors, strict=True):
         try:
             found, says = look_at(prior, rays_of_scan(one.scan), judges)
         except (InputError, ValueError) as error:
             raise InputError(f"{scan.file}: {error}") from error
-        looked.append(found)
+        looked.append(of_building_only(prior, found) if is_out else found)
         told.append(says)
     timing["evidence"] = time.perf_counter() - start - sum(timing.values())
     verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
@@ -127,7 +134,9 @@ def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
             in_sight_only=True,
         )  # fmt: skip
     except (InputError, ValueError) as error:
-        raise InputError(f"{one.file}: {error}") from error
+        away = away_from(prior.building, one.scan.position) if prior.has_elements else 0.0
+        where = f"; it would be {away:.3g} m outside the building" if away > 0.0 else ""
+        raise InputError(f"{one.file}: {error}{where}") from error
 
 
 def look_at(

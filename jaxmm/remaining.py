@@ -12,9 +12,9 @@ from jaxmm.hindsight import APART
 from jaxmm.judging import Judges, judge
 from jaxmm.mismatches import KINDS, Looked
 from jaxmm.object_clues import ONTO
+from jaxmm.outdoors import indoors
 from jaxmm.priors import Prior
 from jaxmm.verdicts import REMOVED, Verdict
-from warp_scanner.building_poses import inside
 from warp_scanner.buildings import Building, element_bounds
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import WALL
@@ -86,7 +86,7 @@ def _indoors(prior: Prior, points: np.ndarray, sensor: np.ndarray) -> np.ndarray
     """(N,) bool: inside the building, and under something of it where the sensor is, too: terrain reaches farther."""
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
     covered = np.isfinite(cast_triangles(prior.scene, Rays(np.vstack([sensor, points]), up)).distance[:, 0])
-    return inside(prior.building, prior.scene, points) & (covered[1:] | ~covered[0])
+    return indoors(prior, points) & (covered[1:] | ~covered[0])
 
 
 def _is_on(scene: TriangleScene | None, points: np.ndarray) -> np.ndarray:

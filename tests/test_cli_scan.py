@@ -96,8 +96,8 @@ def test_what_cannot_be_scanned_is_one_line(house, tmp_path, refused):
 
     refused(scan("3.1,0,1.5,0"), "inside element 'wall east'")
     refused(scan("1.5,0,1.5,0"), "inside element 'column'")
-    refused(scan("9,0,1.5,0"), "outside the building", "-3.20 to 3.20")
-    refused(scan("0,0,-5,0"), "outside the building")
+    refused(scan("90,0,1.5,0"), "outside the building", "-3.20 to 3.20", "34.4 m")
+    refused(scan("0,0,-5,0"), "--pose 0,0,-5,0: no ray of the sensor meets anything")
     refused(["scan", "a.ifc", "--pose", "0,0,1,0", "--out", out, "--unit", "0.001"], "--unit", "a.ifc")
     for pose in ("1,2,3", "a,b,c,d", "1,2,nan,0", "1,2,1,0,91", "", "1,2,3,4,5,6"):
         refused(scan(pose), "--pose", "X,Y,Z,YAW")
@@ -150,8 +150,8 @@ def test_a_place_on_a_national_grid_is_named_in_full(tmp_path, refused):
     path = tmp_path / "far.obj"
     path.write_text(box.export(file_type="obj", digits=4))
     refused(
-        ["scan", path, "--pose", "155009.125,463000.5,1.5,0", "--out", tmp_path / "scan.npz"],
-        "pose 155009.125, 463000.5, 1.5 is outside", "154998.50 to 155002.50",
+        ["scan", path, "--pose", "155109.125,463000.5,1.5,0", "--out", tmp_path / "scan.npz"],
+        "pose 155109.125, 463000.5, 1.5 is outside", "154998.50 to 155002.50",
     )  # fmt: skip
     assert not (tmp_path / "scan.npz").exists()
 

@@ -35,28 +35,37 @@ _STEP = 0.6  # [m] a floor may lie above or below its storey's elevation
 _AROUND = 8.0  # [m] at most beside what a sensor is to stand near
 
 
-def check_position(building: Building, scene: TriangleScene, position: np.ndarray) -> None:
+def check_position(building: Building, scene: TriangleScene, position: np.ndarray, reach: float = 0.0) -> None:
     """Refuse a place where no sensor can be.
 
     Args:
         building: the building.
         scene: its triangles, prepared.
         position: (3,) float64 [m] world.
+        reach: [m] that it may be outside of what the building spans; where none, it has to be inside.
 
     Raises:
         ValueError: outside the building, or inside one of its elements.
     """
     point = np.asarray(position, np.float64) - building.origin
     where = ", ".join(f"{value:.10g}" for value in position)
-    if not inside(building, scene, point[None])[0]:
+    away = away_from(building, point)
+    if away > reach or not (reach or inside(building, scene, point[None])[0]):
         low, high = (corner + building.origin for corner in bounds(building.triangles))
         spans = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low, high, strict=True))
-        raise ValueError(f"pose {where} is outside the building, which spans {spans} m")
+        beyond = f", farther than the sensor's reach of {reach:.4g} m" if reach else ""
+        raise ValueError(f"pose {where} is outside the building, which spans {spans} m{beyond}")
     around = element_around(building, point)
     if around >= 0:
         elements = building.elements
         kind, name = elements.ifc_class[around] or "element", elements.name[around]
         raise ValueError(f"pose {where} is inside {kind} {name!r} ({elements.guid[around]})")
+
+
+def away_from(building: Building, point: np.ndarray) -> float:
+    """How far [m] a point (3,) is outside of what a building spans; 0 within."""
+    low, high = bounds(building.triangles)
+    return float(np.linalg.norm(np.maximum(np.maximum(low - point, point - high), 0.0)))
 
 
 def inside(building: Building, scene: TriangleScene, points: np.ndarray) -> np.ndarray:

@@ -1,0 +1,96 @@
+"""Scans from outdoors: what counts as inside, and what is told of a house and of what stands around it."""
+
+import numpy as np
+import pytest
+from box_building import building_of
+
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.inputs import InputError
+from jaxmm.outdoors import OUTDOORS, indoors, is_outdoors
+from jaxmm.priors import prior_of_building, prior_of_cloud
+from jaxmm.scan_rays import PosedScan
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.weights import DEFAULT
+from warp_scanner.building_poses import away_from
+from warp_scanner.scan import Rays
+from warp_scanner.scenes import CEILING, FLOOR, OTHER, WALL
+from warp_scanner.sensors import OAK_D_PRO_SMALL
+from warp_scanner.triangles import cast_triangles, prepare
+
+# A house of 8 x 6 m; its walls from 2 on: south, north, west, east. Terrain of 40 x 40 m lies 0.1 m below its floor.
+SLAB, ROOF = ((0, 0, -0.1), (4, 3, 0.1), FLOOR), ((0, 0, 2.7), (4, 3, 0.1), CEILING)
+WALLS = (
+    ((0, -2.9, 1.3), (4, 0.1, 1.3), WALL), ((0, 2.9, 1.3), (4, 0.1, 1.3), WALL),
+    ((-3.9, 0, 1.3), (0.1, 2.8, 1.3), WALL), ((3.9, 0, 1.3), (0.1, 2.8, 1.3), WALL),
+)  # fmt: skip
+TERRAIN = ((0, 0, -0.25), (20, 20, 0.05), OTHER)
+HOUSE = (SLAB, ROOF, *WALLS)
+# A tree, a lamp post, a fence and a house across the street.
+AROUND = (
+    ((-7.0, 2.0, 2.5), (0.15, 0.15, 2.5), OTHER), ((-5.5, -2.0, 2.0), (0.1, 0.1, 2.0), OTHER),
+    ((-6.0, 5.5, 1.2), (0.05, 2.0, 1.2), OTHER), ((14.0, 1.0, 3.0), (3.0, 8.0, 3.0), OTHER),
+)  # fmt: skip
+PLACE = np.array([-10.0, 0.5, 1.5])  # it looks along x, at the west wall
+
+
+@pytest.fixture(scope="module")
+def judges():
+    return read_judges(DEFAULT)
+
+
+def scanned(boxes, place=PLACE):
+    direction = OAK_D_PRO_SMALL.directions()
+    distance = cast_triangles(prepare(building_of(boxes).triangles), Rays(place[None], direction)).distance[0]
+    back = np.isfinite(distance) & (distance < 30.0)
+    points = (place + direction[back] * distance[back, None]).astype(np.float32)
+    return NamedScan(PosedScan(points, place, np.eye(3), OAK_D_PRO_SMALL), "scan", len(points), "given")
+
+
+def verdicts(found):
+    return [one.verdict for one in found.elements]
+
+
+def test_indoors_is_what_is_on_a_floor_or_under_something():
+    places = np.array([[0, 0, 1.5], [0, 0, 3.5], [-10, 0, 1.5], [-3.9, 0, 1.5], [0, 5, 1.5], [0, 0, -3.0]], float)
+    for more in ((), (TERRAIN,)):
+        prior = prior_of_building(building_of((*HOUSE, *more)))
+        assert indoors(prior, places).tolist() == [True, False, False, True, False, False], more
+    unroofed = prior_of_building(building_of((SLAB, *WALLS)))
+    assert indoors(unroofed, places).tolist() == [True, False, False, True, False, False]
+    walls_only = prior_of_building(building_of(WALLS))  # within its box, or 2 m beside it
+    assert indoors(walls_only, places + np.array([0.0, 0.0, 0.2])).tolist()[:3] == [True, False, False]
+    cloud = prior_of_cloud(np.random.default_rng(3).uniform(-3.0, 3.0, (100, 3)))
+    assert not is_outdoors(cloud, PLACE)
+    assert away_from(building_of(HOUSE), np.array([-7.0, 7.0, 1.0])) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("terrain", [(), (TERRAIN,)])
+def test_a_wall_that_is_gone_is_told_from_outdoors_and_nothing_of_what_stands_around(judges, terrain):
+    prior = prior_of_building(building_of((*HOUSE, *terrain)))
+    whole, without = (*HOUSE, TERRAIN, *AROUND), (*HOUSE[:4], *HOUSE[5:], TERRAIN, *AROUND)
+    for refine in (False, True):
+        settings = DetectSettings(refine=refine)
+        same = detect_scans(prior, [scanned(whole)], judges, settings)
+        assert same.mismatches == () and verdicts(same)[2] == PRESENT and REMOVED not in verdicts(same)
+        assert OUTDOORS in same.scans[0].notes
+        gone = detect_scans(prior, [scanned(without)], judges, settings)
+        (one,) = gone.mismatches
+        assert one.mismatch_type == "removed" and one.element == prior.building.elements.guid[4]
+        assert verdicts(gone)[2] == REMOVED and set(verdicts(gone)) <= {PRESENT, REMOVED, OCCLUDED, UNSCANNED}
+
+
+def test_a_new_wall_in_the_house_is_told_from_outdoors_too(judges):
+    prior = prior_of_building(building_of((*HOUSE[:4], *HOUSE[5:])))  # open to the west
+    new = ((0.0, 0.5, 1.3), (0.1, 1.5, 1.3), WALL)
+    found = detect_scans(prior, [scanned((*HOUSE[:4], *HOUSE[5:], TERRAIN, *AROUND, new))], judges, DetectSettings())
+    (one,) = found.mismatches
+    assert (one.object_type, one.mismatch_type) == ("wall", "added")
+    assert np.abs(one.center[:2] - [0.0, 0.5]).max() < 0.15
+
+
+def test_a_scan_that_does_not_fit_says_how_far_outside_it_would_be(judges):
+    prior, scan = prior_of_building(building_of(HOUSE)), scanned((TERRAIN, *AROUND))
+    with pytest.raises(InputError, match=r"scan: .*; it would be 6 m outside the building$"):
+        detect_scans(prior, [scan], judges, DetectSettings())
