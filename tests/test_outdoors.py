@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 from box_building import building_of
 
+from benchmarks.outdoors import Street
+from benchmarks.outdoors import _pose as a_pose
+from benchmarks.outdoors import _things_around as things_around
+from benchmarks.outdoors import table as outdoor_table
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.files import write_json
 from jaxmm.inputs import InputError
 from jaxmm.outdoors import OUTDOORS, indoors, is_outdoors
 from jaxmm.priors import prior_of_building, prior_of_cloud
@@ -14,6 +19,7 @@ from jaxmm.scan_rays import PosedScan
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
 from warp_scanner.building_poses import away_from
+from warp_scanner.buildings import element_bounds
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import CEILING, FLOOR, OTHER, WALL
 from warp_scanner.sensors import OAK_D_PRO_SMALL
@@ -94,3 +100,29 @@ def test_a_scan_that_does_not_fit_says_how_far_outside_it_would_be(judges):
     prior, scan = prior_of_building(building_of(HOUSE)), scanned((TERRAIN, *AROUND))
     with pytest.raises(InputError, match=r"scan: .*; it would be 6 m outside the building$"):
         detect_scans(prior, [scan], judges, DetectSettings())
+
+
+def test_the_street_of_the_benchmark_leaves_the_building_and_the_sensor_free():
+    street = Street(np.array([3.0, -2.0]), np.array([6.0, 4.0]), 1.0)
+    for number in range(50):
+        draw = np.random.default_rng(number)
+        place, yaw, _ = a_pose(street, draw, False)
+        low, high = element_bounds(things_around(street, place, draw))
+        away = np.maximum(np.maximum(low[1:, :2] - place[:2], place[:2] - high[1:, :2]), 0.0)
+        assert np.linalg.norm(away, axis=1).min() > 0.0  # of all but the ground
+        beside = np.maximum(low[1:, :2] - street.middle, street.middle - high[1:, :2])
+        assert np.all(np.any(beside > street.half, axis=1)) and high[0, 2] == pytest.approx(0.95)
+        ahead = street.middle - place[:2]
+        assert np.cos(np.arctan2(ahead[1], ahead[0]) - np.radians(yaw)) > 0.5
+
+
+def test_the_benchmark_counts_verdicts_of_what_is_gone_and_all_that_is_told_wrongly(tmp_path):
+    def view(gone, verdict, wrong=(), new=0):
+        return {"gone": gone, "verdict": verdict, "wrong": list(wrong), "new": new, "doubts": []}
+
+    views = [view(True, REMOVED), view(True, PRESENT, ["a"]), view(False, None, ["b", "c"], 1), view(True, UNSCANNED)]
+    write_json(tmp_path / "house_ouster-64_3.json", {"views": [*views, {"gone": True, "refused": "why"}]})
+    write_json(tmp_path / "house_ouster-64-real_3.json", {"views": views[:1]})
+    rows = outdoor_table(tmp_path, 3).splitlines()
+    assert "| ouster-64 | 5 | 1 | 3 | 1 | 1 | 0 | 1 | 3 | 1 |" in rows
+    assert "| ouster-64-real | 1 | 0 | 1 | 0 | 1 | 0 | 0 | 0 | 0 |" in rows

@@ -1,0 +1,199 @@
+"""What `detect` tells of buildings that are scanned from outdoors, where trees, cars and other houses stand around.
+
+    python -m benchmarks.outdoors FOLDER --out runs/outdoors [--views 12] [--seed 3]
+
+Every IFC file below FOLDER, from places 2 to 8 m outside of the circle around it, by a camera of 320 x 200 and a
+spinning sensor; ideal, and as such devices err, then with a place that is off by 0.1 m (standard deviation) in every
+direction. In six of ten views one wall or column is gone that at least 1 % of the rays would meet. What stands around
+is in no model, and nothing in the building is new. A JSON file for each file and sensor; what is there is not made
+again. Prints Markdown.
+"""
+
+import argparse
+import itertools
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.files import load_json, write_json
+from jaxmm.inputs import InputError
+from jaxmm.priors import Prior, read_prior
+from jaxmm.scan_rays import PosedScan
+from jaxmm.verdicts import REMOVED, VERDICTS
+from jaxmm.weights import DEFAULT
+from warp_scanner.building_poses import inside
+from warp_scanner.buildings import Triangles, bounds, join
+from warp_scanner.cores import worker_pool
+from warp_scanner.imperfections import imperfect
+from warp_scanner.scan import Rays
+from warp_scanner.scenes import OTHER, PILLAR, WALL
+from warp_scanner.sensors import Pinhole, rotation_of, sensor_named
+from warp_scanner.surface import incidence_of
+from warp_scanner.triangles import cast_faces, cast_triangles, face_normals, prepare
+
+SEED = 3  # of the test places
+SENSORS = ("oak-d-pro-small", "oak-d-pro-small-real", "ouster-64", "ouster-64-real")
+GONE, LEAST_RAYS = 0.6, 0.01  # share of views in which something is gone; share of the rays that would meet it
+AWAY, HEIGHT = (2.0, 8.0), 1.6  # [m] outside of the circle around the building, above its lowest storey
+OFF = 0.1  # [m]
+TRIES = 400
+
+
+class Street(NamedTuple):
+    """Where a building stands."""
+
+    middle: np.ndarray  # (2,) [m] of what it spans
+    half: np.ndarray  # (2,) [m]
+    ground: float  # [m]
+
+
+def main(folder: Path, out: Path, views: int, seed: int) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    paths = sorted(folder.rglob("*.ifc"))
+    tasks = [(path, sensor, views, seed, out) for path, sensor in itertools.product(paths, SENSORS)]
+    with worker_pool() as pool:
+        for line in pool.map(_part, tasks):
+            print(line, flush=True)
+    print(table(out, seed))
+
+
+def _part(task: tuple[Path, str, int, int, Path]) -> str:
+    path, sensor, views, seed, out = task
+    kept = out / f"{path.stem}_{sensor}_{seed}.json"
+    if not kept.exists():
+        prior = read_prior(path)
+        write_json(
+            kept, {"views": list(filter(None, (_view(prior, sensor, (seed, number)) for number in range(views))))}
+        )
+    return kept.stem
+
+
+def _view(prior: Prior, sensor_name: str, which: tuple[int, int]) -> dict[str, Any] | None:
+    """What is told of one view; None where no place shows any wall."""
+    building, draw, sensor = prior.building, np.random.default_rng(which), sensor_named(sensor_name)
+    street, own = _street_of(prior), len(building.elements.guid)
+    for _ in range(TRIES):
+        place, yaw, pitch = _pose(street, draw, isinstance(sensor, Pinhole))
+        if inside(building, prior.scene, place[None])[0]:
+            continue
+        rays = Rays(place[None].astype(np.float32), sensor.directions(), rotation_of([yaw], [pitch]))
+        meets = cast_triangles(prior.scene, rays).element[0]
+        count = np.bincount(meets[meets >= 0], minlength=own)
+        shown = np.isin(building.triangles.semantic, (WALL, PILLAR)) & (count >= LEAST_RAYS * len(meets))
+        if shown.any():
+            break
+    else:
+        return None
+    gone = int(draw.choice(np.flatnonzero(shown))) if draw.random() < GONE else -1
+    whole = join(building.triangles, _things_around(street, place, draw))
+    there = np.arange(len(whole.semantic)) != gone
+    scan, face = cast_faces(prepare(whole), rays, there)
+    scan = imperfect(scan, incidence_of(face_normals(whole, face), rays), sensor, which[0], np.array([which[1]]))
+    back = np.isfinite(scan.distance[0])
+    turn = rotation_of([yaw], [pitch])[0].astype(np.float64)
+    ends = place + (sensor.directions()[back] @ turn.T) * scan.distance[0, back, None].astype(np.float64)
+    off = draw.normal(0.0, OFF, 3) if sensor_name.endswith("-real") else np.zeros(3)
+    posed = PosedScan((ends + off).astype(np.float32), place + off, turn, sensor)
+    return _told(prior, NamedScan(posed, "scan", int(back.sum()), "given"), gone)
+
+
+def _told(prior: Prior, scan: NamedScan, gone: int) -> dict[str, Any]:
+    told: dict[str, Any] = {"gone": gone >= 0}
+    try:
+        settings = DetectSettings(propose_views=False)
+        found = detect_scans(prior, [scan], read_judges(DEFAULT), settings)
+    except InputError as error:
+        return told | {"refused": str(error)}
+    guid = prior.building.elements.guid[gone] if gone >= 0 else None
+    wrong = [one.guid for one in found.elements if one.verdict == REMOVED and one.guid != guid]
+    verdict = next((one.verdict for one in found.elements if one.guid == guid), None)
+    new = [one for one in found.mismatches if one.mismatch_type == "added"]
+    return told | {"verdict": verdict, "wrong": wrong, "new": len(new), "doubts": list(found.doubts)}
+
+
+def _street_of(prior: Prior) -> Street:
+    low, high = (corner.astype(np.float64) for corner in bounds(prior.building.triangles))
+    floors = prior.building.storeys.elevation
+    floors = floors[floors >= low[2] - 0.1]
+    ground = float(floors.min()) if len(floors) else float(low[2])
+    return Street((low + high)[:2] / 2, (high - low)[:2] / 2, ground)
+
+
+def _pose(street: Street, draw: np.random.Generator, is_camera: bool) -> tuple[np.ndarray, float, float]:
+    """A place [m] around the building, and yaw and pitch [deg] toward it."""
+    turn, radius = draw.uniform(0.0, 2.0 * np.pi), np.linalg.norm(street.half) + draw.uniform(*AWAY)
+    plan = street.middle + radius * np.array([np.cos(turn), np.sin(turn)])
+    x, y = street.middle + street.half * draw.uniform(-0.7, 0.7, 2) - plan
+    pitch = draw.uniform(-5.0, 15.0) if is_camera else 0.0
+    return np.array([*plan, street.ground + HEIGHT]), float(np.degrees(np.arctan2(y, x))), float(pitch)
+
+
+def _things_around(street: Street, place: np.ndarray, draw: np.random.Generator) -> Triangles:
+    """Ground, trees, posts, cars and people within 15 m of a place, and one to three houses, an element each."""
+    import trimesh  # slow to import
+
+    ground = street.ground - 0.05
+    shapes = [(trimesh.creation.box([200.0, 200.0, 0.1]), street.middle, ground - 0.05, 0.0)]
+    for kind in draw.integers(0, 4, draw.integers(4, 10)):
+        plan = place[:2] + draw.uniform(-15.0, 15.0, 2)
+        near, in_house = (
+            np.linalg.norm(plan - place[:2]) < 2.5,
+            np.all(np.abs(plan - street.middle) < street.half + 2.5),
+        )
+        if near or in_house:
+            continue
+        shape = (
+            trimesh.creation.cylinder(radius=draw.uniform(0.1, 0.3), height=6.0, sections=24),
+            trimesh.creation.box([0.2, 0.2, 3.5]),
+            trimesh.creation.box([4.2, 1.8, 1.5]),
+            trimesh.creation.box([0.5, 0.3, 1.8]),
+        )[kind]
+        shapes.append((shape, plan, ground + shape.extents[2] / 2, draw.uniform(0.0, np.pi)))
+    for _ in range(draw.integers(1, 4)):
+        turn, radius = draw.uniform(0.0, 2.0 * np.pi), np.linalg.norm(street.half) + draw.uniform(16.0, 24.0)
+        house = trimesh.creation.box([draw.uniform(8.0, 15.0), 8.0, draw.uniform(5.0, 9.0)])
+        plan = street.middle + radius * np.array([np.cos(turn), np.sin(turn)])
+        shapes.append((house, plan, ground + house.extents[2] / 2, draw.uniform(0.0, np.pi)))
+    for shape, plan, height, turn in shapes:
+        shape.apply_transform(trimesh.transformations.rotation_matrix(turn, [0.0, 0.0, 1.0]))
+        shape.apply_translation([*plan, height])
+    vertices, faces = ([getattr(shape, field) for shape, *_ in shapes] for field in ("vertices", "faces"))
+    before = np.cumsum([0, *map(len, vertices)])
+    return Triangles(
+        np.concatenate(vertices).astype(np.float32),
+        np.concatenate([own + start for own, start in zip(faces, before, strict=False)]).astype(np.int32),
+        np.repeat(np.arange(len(shapes), dtype=np.int32), list(map(len, faces))),
+        np.full(len(shapes), OTHER, np.uint8),
+    )
+
+
+def table(out: Path, seed: int) -> str:
+    """All sensors, as Markdown."""
+    lines = [
+        f"| sensor | views | refused | something gone | {' | '.join(f'told {name}' for name in VERDICTS)} "
+        "| present, told removed | nothing new, told new |",
+        f"|{' --- |' * (6 + len(VERDICTS))}",
+    ]
+    for sensor in SENSORS:
+        views = [one for path in sorted(out.glob(f"*_{sensor}_{seed}.json")) for one in load_json(path)["views"]]
+        believed = [one for one in views if "refused" not in one]
+        gone = [one for one in believed if one["gone"]]
+        counts = [len(views), len(views) - len(believed), len(gone)]
+        counts += [sum(one["verdict"] == name for one in gone) for name in VERDICTS]
+        counts += [sum(len(one["wrong"]) for one in believed), sum(one["new"] for one in believed)]
+        lines.append(f"| {sensor} | {' | '.join(map(str, counts))} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--views", type=int, default=12, metavar="N", help="of each file and sensor")
+    parser.add_argument("--seed", type=int, default=SEED, metavar="N")
+    asked = parser.parse_args()
+    main(asked.folder, asked.out, asked.views, asked.seed)
