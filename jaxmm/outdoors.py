@@ -8,11 +8,12 @@ import numpy as np
 
 from jaxmm.mismatches import Looked
 from jaxmm.priors import Prior
-from warp_scanner.building_poses import inside
+from warp_scanner.buildings import bounds
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import CEILING, FLOOR
 from warp_scanner.triangles import cast_triangles
 
+BESIDE, ABOVE = 2.0, 3.0  # [m] of what a model spans: beside one without floors; above any, where it may grow
 OUTDOORS = "it was taken outdoors: of what is new, only what is in the building is told"
 
 
@@ -24,11 +25,14 @@ def is_outdoors(prior: Prior, position: np.ndarray) -> bool:
 def indoors(prior: Prior, points: np.ndarray) -> np.ndarray:
     """(N,) bool: points (N, 3) in a building, on one of its floors or under something; its terrain is no floor.
 
-    Of a building without floors, what is in its bounding box or within 2 m of it.
+    What stands on its highest floor, too, of which the model has no walls yet. Of a building without floors, what is in
+    its bounding box, beside it or above it.
     """
     points = np.asarray(points, np.float64)
-    within = inside(prior.building, prior.scene, points)
     level = np.isin(prior.scene.triangles.semantic, (FLOOR, CEILING))
+    low, high = (corner.astype(np.float64) for corner in bounds(prior.building.triangles))
+    aside = np.array([1.0, 1.0, 0.0]) * (0.0 if level.any() else BESIDE)
+    within = np.all((points >= low - aside) & (points <= high + aside + np.array([0.0, 0.0, ABOVE])), axis=1)
     if not level.any():
         return within
     near = points[within]

@@ -59,7 +59,7 @@ def verdicts(found):
 
 
 def test_indoors_is_what_is_on_a_floor_or_under_something():
-    places = np.array([[0, 0, 1.5], [0, 0, 3.5], [-10, 0, 1.5], [-3.9, 0, 1.5], [0, 5, 1.5], [0, 0, -3.0]], float)
+    places = np.array([[0, 0, 1.5], [0, 0, 7.0], [-10, 0, 1.5], [-3.9, 0, 1.5], [0, 5, 1.5], [0, 0, -3.0]], float)
     for more in ((), (TERRAIN,)):
         prior = prior_of_building(building_of((*HOUSE, *more)))
         assert indoors(prior, places).tolist() == [True, False, False, True, False, False], more
@@ -67,6 +67,7 @@ def test_indoors_is_what_is_on_a_floor_or_under_something():
     assert indoors(unroofed, places).tolist() == [True, False, False, True, False, False]
     walls_only = prior_of_building(building_of(WALLS))  # within its box, or 2 m beside it
     assert indoors(walls_only, places + np.array([0.0, 0.0, 0.2])).tolist()[:3] == [True, False, False]
+    assert indoors(prior_of_building(building_of((SLAB,))), places[[0, 2]]).tolist() == [True, False]  # no walls yet
     cloud = prior_of_cloud(np.random.default_rng(3).uniform(-3.0, 3.0, (100, 3)))
     assert not is_outdoors(cloud, PLACE)
     assert away_from(building_of(HOUSE), np.array([-7.0, 7.0, 1.0])) == pytest.approx(5.0)
