@@ -59,7 +59,7 @@ def main(folder: Path, out: Path, pairs: int, condition: str, model: Path, seed:
     judges = read_judges(model)
     for path in sorted(folder.rglob("*.ifc")):
         kept = _kept(out, path.stem, condition, seed)
-        if not kept.exists():
+        if not _is_whole(kept):
             write_json(kept, _file(path, judges, pairs, condition, seed))
         print(path.stem, flush=True)
     print(table(out, condition, seed))
@@ -67,6 +67,11 @@ def main(folder: Path, out: Path, pairs: int, condition: str, model: Path, seed:
 
 def _kept(out: Path, stem: str, condition: str, seed: int) -> Path:
     return out / f"{stem}_{condition}_{seed}.json"
+
+
+def _is_whole(kept: Path) -> bool:
+    """Whether a file is there, and of this table: earlier ones knew no look-alikes."""
+    return kept.exists() and all("alike" in one for one in load_json(kept)["views"])
 
 
 def _file(path: Path, judges: Judges, count: int, condition: str, seed: int) -> dict[str, Any]:

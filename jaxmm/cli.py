@@ -301,7 +301,7 @@ def _scan(options: argparse.Namespace) -> None:
     incidence = np.where(np.isfinite(found.distance), incidence, np.nan).astype(np.float32)
     hits = int(np.isfinite(found.distance).sum())
     if not hits:
-        raise InputError(f"--pose {options.pose}: no ray of the sensor meets anything of {options.scene} from there")
+        raise InputError(f"--pose {options.pose}: no ray of the sensor comes back from {options.scene} there")
     light = intensity_of(found.distance, found.semantic, incidence)
     arrays = (field[0] for field in (*found, incidence, light))
     scan = clouds.SensorScan(np.asarray(position), rotation[0], directions, *arrays, building.elements)
@@ -309,7 +309,8 @@ def _scan(options: argparse.Namespace) -> None:
     for remark in buildings.remarks(building):
         print(remark)
     if hits < FEW_RETURNS * len(directions):
-        print(f"note: only {hits / len(directions):.1%} of the rays return; is the sensor inside of something?")
+        share = f"{hits / len(directions):.1%}"
+        print(f"note: only {share} of the rays return; is the sensor inside of something, or far away?")
     print(
         f"{hits} returns of {len(directions)} rays, {len(set(scan.element[scan.element >= 0]))} elements: {options.out}"
     )

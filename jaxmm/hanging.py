@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxmm.priors import Prior
 from warp_scanner.buildings import Building, Triangles, element_bounds, fixed
-from warp_scanner.scenes import CEILING, DOOR, FLOOR, WINDOW
+from warp_scanner.scenes import DOOR, FLOOR, WINDOW
 from warp_scanner.triangles import TriangleScene, prepare
 
 FILLINGS = (DOOR, WINDOW)
@@ -36,15 +36,23 @@ def without_hanging(prior: Prior, kept: list[int]) -> Prior:
 
 
 def hanging(building: Building) -> np.ndarray:
-    """Rows (n,) int of the doors and windows that nothing upright touches; furniture, floors and ceilings are not."""
+    """Rows (n,) int of the doors and windows that nothing upright holds; furniture and floors are not.
+
+    A roof holds its windows, and what is held holds what touches it: of a row of windows from floor to ceiling only
+    those at both ends meet a wall.
+    """
     semantic = building.triangles.semantic
     low, high = element_bounds(building.triangles)
-    holds = fixed(building.triangles) & ~np.isin(semantic, (*FILLINGS, FLOOR, CEILING))
+    holds = fixed(building.triangles) & ~np.isin(semantic, (*FILLINGS, FLOOR))
     fills = np.isin(semantic, FILLINGS) & (high[:, 2] - low[:, 2] >= LEAST_HEIGHT)  # false without a shape
-    return np.array([
-        row for row in np.flatnonzero(fills)
-        if not np.any(holds & np.all((low <= high[row] + TOUCHES) & (high >= low[row] - TOUCHES), axis=1))
-    ], int)  # fmt: skip
+    loose, last = np.flatnonzero(fills), np.flatnonzero(holds)
+    while len(loose) and len(last):
+        meets = [
+            np.any(np.all((low[last] <= high[row] + TOUCHES) & (high[last] >= low[row] - TOUCHES), axis=1))
+            for row in loose
+        ]
+        loose, last = loose[~np.array(meets)], loose[meets]
+    return loose
 
 
 def scene_of(triangles: Triangles, chosen: np.ndarray) -> TriangleScene:

@@ -212,24 +212,30 @@ def judged_side(looked: list[Looked], change: str) -> Judged:
 
 def _with_sky(judged: Judged, looked: list[Looked]) -> Judged:
     """The same with points beyond all others, where nothing came back and nothing should: there one looks through."""
-    skies = [_sky(one) for one in looked]
+    skies = [_sky(one).astype(judged.points.dtype) for one in looked]
     scan = np.repeat(np.arange(len(skies)), [len(sky) for sky in skies])
     if not len(scan):
         return judged
-    old = np.zeros(len(scan))
+    old = np.zeros(len(scan), judged.wall.dtype)
+    ceilings = np.full(len(scan), judged.ceiling)
     return judged._replace(
         points=np.concatenate([judged.points, *skies]),
         pillar=np.concatenate([judged.pillar, old]),
         wall=np.concatenate([judged.wall, old]),
-        apart=np.concatenate([judged.apart, old]),
+        apart=np.concatenate([judged.apart, old.astype(judged.apart.dtype)]),
         scan=np.concatenate([judged.scan, scan]),
-        over=None if judged.over is None else np.concatenate([judged.over, np.full(len(scan), judged.ceiling)]),
+        over=None if judged.over is None else np.concatenate([judged.over, ceilings.astype(judged.over.dtype)]),
     )
 
 
 def _sky(one: Looked) -> np.ndarray:
-    """(n, 3) [m] a place for each cell of directions, of which a scan brings nothing back, and should not."""
+    """(n, 3) [m] a place for each cell of directions, in one of which a scan brings nothing back, and should not.
+
+    A cloud, of which no ray is expected to meet anything, does not tell where nothing should come back.
+    """
     rays = one.rays
+    if np.isinf(one.expected).all():
+        return np.zeros((0, 3))
     none = np.flatnonzero(np.isinf(rays.distance) & (np.isinf(one.expected) | (one.expected > rays.limit)))
     if not len(none):
         return np.zeros((0, 3))

@@ -8,12 +8,15 @@ import numpy as np
 
 from jaxmm.mismatches import Looked
 from jaxmm.priors import Prior
-from warp_scanner.buildings import bounds
+from warp_scanner.buildings import Triangles, bounds
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import CEILING, FLOOR
+from warp_scanner.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.triangles import cast_triangles
 
-BESIDE, ABOVE = 2.0, 3.0  # [m] of what a model spans: beside one without floors; above any, where it may grow
+BESIDE, ABOVE = 0.5, 3.0  # [m] of what a model spans: where a new wall may be outside of it, and where it may grow
+WITHOUT_FLOORS = 2.0  # [m] beside a building that has none
+DEEP, HIGH = 6.0, np.float32(np.finfo(np.float32).max)  # [m] below and above a place, where something may be
+TERRAIN = ("IfcSite", "IfcGeographicElement")
 OUTDOORS = "it was taken outdoors: of what is new, only what is in the building is told"
 
 
@@ -23,24 +26,37 @@ def is_outdoors(prior: Prior, position: np.ndarray) -> bool:
 
 
 def indoors(prior: Prior, points: np.ndarray) -> np.ndarray:
-    """(N,) bool: points (N, 3) in a building, on one of its floors or under something; its terrain is no floor.
+    """(N,) bool: points (N, 3) in a building: under something, on a floor, or among walls and on anything else.
 
-    What stands on its highest floor, too, of which the model has no walls yet. Of a building without floors, what is in
-    its bounding box, beside it or above it.
+    Right beside such a place, too, and on the highest floor, of which the model has no walls yet. Terrain is no floor.
+    Of a building without floors, whatever is in its bounding box or within 2 m of it counts.
     """
-    points = np.asarray(points, np.float64)
-    level = np.isin(prior.scene.triangles.semantic, (FLOOR, CEILING))
-    low, high = (corner.astype(np.float64) for corner in bounds(prior.building.triangles))
-    aside = np.array([1.0, 1.0, 0.0]) * (0.0 if level.any() else BESIDE)
-    within = np.all((points >= low - aside) & (points <= high + aside + np.array([0.0, 0.0, ABOVE])), axis=1)
+    points, semantic = np.asarray(points, np.float64), prior.building.triangles.semantic
+    level = np.isin(semantic, (FLOOR, CEILING))
     if not level.any():
-        return within
-    near = points[within]
-    down, up = np.array([[[0.0, 0.0, -1.0]], [[0.0, 0.0, 1.0]]], np.float32)
-    on_floor = np.isfinite(cast_triangles(prior.scene, Rays(near, down), level).distance[:, 0])
-    covered = np.isfinite(cast_triangles(prior.scene, Rays(near, up)).distance[:, 0])
-    within[within] = on_floor | covered
-    return within
+        return _within(points, prior.building.triangles, WITHOUT_FLOORS)
+    found = _within(points, prior.building.triangles, BESIDE)
+    steps = BESIDE * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], float)
+    places = (points[found][:, None] + steps).reshape(-1, 3)
+    of_building = ~np.isin(np.asarray(prior.building.elements.ifc_class, str), TERRAIN)
+    covered, on_floor, on_anything = (
+        cast_triangles(prior.scene, Rays(places, np.array([[0.0, 0.0, way]], np.float32)), there).distance[:, 0] <= most
+        for way, there, most in ((1.0, of_building, HIGH), (-1.0, level, DEEP), (-1.0, of_building, DEEP))
+    )
+    upright = np.isin(semantic, (WALL, PILLAR))[prior.building.triangles.element]
+    among_walls = np.zeros(len(places), bool)
+    if upright.any():
+        walls = prior.building.triangles
+        among_walls = _within(places, walls._replace(faces=walls.faces[upright], element=walls.element[upright]), 0.0)
+    found[found] = (covered | on_floor | (on_anything & among_walls)).reshape(-1, len(steps)).any(axis=1)
+    return found
+
+
+def _within(points: np.ndarray, triangles: Triangles, beside: float) -> np.ndarray:
+    """(N,) bool: in the box around triangles, no farther than that [m] beside it, or where it may grow above."""
+    low, high = (corner.astype(np.float64) for corner in bounds(triangles))
+    aside = np.array([beside, beside, 0.0])
+    return np.all((points >= low - aside) & (points <= high + aside + np.array([0.0, 0.0, ABOVE])), axis=1)
 
 
 def of_building_only(prior: Prior, looked: Looked) -> Looked:

@@ -290,6 +290,18 @@ def test_behind_what_is_gone_only_a_wall_beside_its_place_is_new(judges, thing):
     assert gone and new == []
 
 
+@pytest.mark.parametrize("dark", [1.5, 1.8, 2.0])
+def test_against_a_cloud_what_brings_nothing_back_is_not_looked_through(judges, dark):
+    """Nobody knows where nothing should come back from: the upper part of a pillar is dark."""
+    position, pillar = np.array([-2.0, 0.2, 1.4]), ((0.8, 0.9, 1.3), (0.25, 0.25, 1.3), PILLAR)
+    prior = prior_of_cloud(scan_of(walls_of_room(3.0), position).points.astype(np.float64))
+    scan = scan_of(walls_of_room(3.0, BEYOND, pillar), position)
+    on_it = np.all(np.abs(scan.points[:, :2] - [0.8, 0.9]) < 0.3, axis=1)
+    scan = scan._replace(points=scan.points[~on_it | (scan.points[:, 2] < dark)])
+    found = detect_scans(prior, [named(scan)], judges, AS_IS).mismatches
+    assert [(one.object_type, one.mismatch_type) for one in found] == [("pillar", "added")]
+
+
 A_TABLE = ((-1.4, 0.4, 0.65), (0.2, 0.6, 0.65), TABLE)
 
 

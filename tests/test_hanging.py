@@ -21,6 +21,22 @@ def test_what_stands_in_a_wall_does_not_hang_and_without_the_wall_it_does():
     assert hanging(without(building, np.array([2]))).tolist() == [2, 3]  # a skylight lies on its roof
 
 
+def test_a_row_of_windows_from_floor_to_ceiling_is_held_at_its_ends():
+    row = [((3.0, y, 1.3), (0.05, 0.5, 1.3), WINDOW) for y in np.arange(-2.0, 2.1, 1.0)]
+    ends = [((3.0, y, 1.3), (0.1, 0.2, 1.3), WALL) for y in (-2.7, 2.7)]
+    assert hanging(building_of((FLOOR_SLAB, *row, *ends))).tolist() == []
+    assert hanging(building_of((FLOOR_SLAB, *row, ends[0]))).tolist() == []
+    assert hanging(building_of((FLOOR_SLAB, *row))).tolist() == [1, 2, 3, 4, 5]
+    gap = [*row[:2], *row[3:]]
+    assert hanging(building_of((FLOOR_SLAB, *gap, ends[0]))).tolist() == [3, 4]
+
+
+def test_a_roof_holds_its_windows():
+    dormer = ((0.0, 0.0, 3.2), (0.4, 0.4, 0.45), WINDOW)
+    assert hanging(building_of((FLOOR_SLAB, ROOF, dormer))).tolist() == []
+    assert hanging(building_of((FLOOR_SLAB, dormer))).tolist() == [1]
+
+
 @pytest.mark.parametrize("semantic, holds", [(WALL, True), (FURNITURE, False), (TABLE, False), (FLOOR, False)])
 def test_only_what_is_part_of_the_building_and_upright_holds_a_door(semantic, holds):
     beside = ((3.0, -0.4, 1.3), (0.1, 0.1, 1.3), semantic)
@@ -47,5 +63,7 @@ def test_priors_in_which_nothing_hangs_stay_as_they_are():
 
 
 def test_in_whole_models_nothing_hangs(data_root, real_building):
-    for path in sorted((data_root / "ifc").glob("*.ifc")):
+    paths = sorted((data_root / "ifc").glob("*.ifc"))
+    assert paths
+    for path in paths:
         assert hanging(real_building(path.stem)).tolist() == [], path.stem

@@ -16,12 +16,12 @@ from jaxmm.inputs import InputError
 from jaxmm.outdoors import OUTDOORS, indoors, is_outdoors
 from jaxmm.priors import prior_of_building, prior_of_cloud
 from jaxmm.scan_rays import PosedScan
-from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.verdicts import PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
 from warp_scanner.building_poses import away_from
 from warp_scanner.buildings import element_bounds
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import CEILING, FLOOR, OTHER, WALL
+from warp_scanner.scenes import CEILING, FLOOR, OTHER, PILLAR, WALL
 from warp_scanner.sensors import OAK_D_PRO_SMALL
 from warp_scanner.triangles import cast_triangles, prepare
 
@@ -60,9 +60,11 @@ def verdicts(found):
 
 def test_indoors_is_what_is_on_a_floor_or_under_something():
     places = np.array([[0, 0, 1.5], [0, 0, 7.0], [-10, 0, 1.5], [-3.9, 0, 1.5], [0, 5, 1.5], [0, 0, -3.0]], float)
-    for more in ((), (TERRAIN,)):
+    for more in ((), (TERRAIN,)):  # a mesh does not say what terrain is: beyond the walls nobody is indoors
         prior = prior_of_building(building_of((*HOUSE, *more)))
         assert indoors(prior, places).tolist() == [True, False, False, True, False, False], more
+    beside = np.array([[-4.3, 0.0, 1.5], [-4.7, 0.0, 1.5]])  # of a wall at -4
+    assert indoors(prior_of_building(building_of(HOUSE)), beside).tolist() == [True, False]
     unroofed = prior_of_building(building_of((SLAB, *WALLS)))
     assert indoors(unroofed, places).tolist() == [True, False, False, True, False, False]
     walls_only = prior_of_building(building_of(WALLS))  # within its box, or 2 m beside it
@@ -85,7 +87,7 @@ def test_a_wall_that_is_gone_is_told_from_outdoors_and_nothing_of_what_stands_ar
         gone = detect_scans(prior, [scanned(without)], judges, settings)
         (one,) = gone.mismatches
         assert one.mismatch_type == "removed" and one.element == prior.building.elements.guid[4]
-        assert verdicts(gone)[2] == REMOVED and set(verdicts(gone)) <= {PRESENT, REMOVED, OCCLUDED, UNSCANNED}
+        assert verdicts(gone)[2] == REMOVED and REMOVED not in [*verdicts(gone)[:2], *verdicts(gone)[3:]]
 
 
 def test_a_new_wall_in_the_house_is_told_from_outdoors_too(judges):
@@ -95,6 +97,35 @@ def test_a_new_wall_in_the_house_is_told_from_outdoors_too(judges):
     (one,) = found.mismatches
     assert (one.object_type, one.mismatch_type) == ("wall", "added")
     assert np.abs(one.center[:2] - [0.0, 0.5]).max() < 0.15
+
+
+@pytest.mark.parametrize("off", [-0.3, -0.03, 0.0, 0.03])
+def test_a_new_outer_wall_is_told_wherever_the_slab_ends(judges, off):
+    rest = (*HOUSE[:4], *HOUSE[5:])
+    prior, new = prior_of_building(building_of(rest)), ((-3.9 + off, 0.0, 1.3), (0.1, 2.7, 1.3), WALL)
+    found = detect_scans(prior, [scanned((*rest, TERRAIN, *AROUND, new))], judges, DetectSettings(refine=False))
+    (one,) = found.mismatches
+    assert (one.object_type, one.mismatch_type) == ("wall", "added")
+    assert one.center[0] == pytest.approx(-3.9 + off, abs=0.1)
+
+
+def test_an_unfinished_house_is_indoors_whatever_its_slab_is_called(judges):
+    """No roof yet, and the slab is a footing; one small landing is a floor."""
+    slab, landing = ((0, 0, -0.1), (4, 3, 0.1), OTHER), ((3.2, 2.2, 1.3), (0.5, 0.5, 0.1), FLOOR)
+    prior, place = prior_of_building(building_of((slab, landing, *WALLS))), np.array([-3.0, 0.3, 1.5])
+    new = ((1.0, 0.5, 1.3), (0.2, 0.2, 1.3), PILLAR)
+    assert not is_outdoors(prior, place)
+    found = detect_scans(prior, [scanned((slab, landing, *WALLS, new), place)], judges, DetectSettings())
+    assert [(one.object_type, one.mismatch_type) for one in found.mismatches] == [("pillar", "added")]
+
+
+def test_an_indoor_scan_beside_one_from_outdoors_keeps_what_it_tells(judges):
+    new, place = ((1.0, 0.5, 1.3), (0.2, 0.2, 1.3), PILLAR), np.array([-3.0, 0.3, 1.5])
+    prior, real = prior_of_building(building_of(HOUSE)), (*HOUSE, TERRAIN, *AROUND, new)
+    found = detect_scans(prior, [scanned(real), scanned(real, place)], judges, DetectSettings())
+    (one,) = found.mismatches
+    assert (one.object_type, one.told_by[0]) == ("pillar", 0) and np.abs(one.center[:2] - [1.0, 0.5]).max() < 0.1
+    assert [OUTDOORS in scan.notes for scan in found.scans] == [True, False]
 
 
 def test_a_scan_that_does_not_fit_says_how_far_outside_it_would_be(judges):

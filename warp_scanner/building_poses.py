@@ -35,25 +35,25 @@ _STEP = 0.6  # [m] a floor may lie above or below its storey's elevation
 _AROUND = 8.0  # [m] at most beside what a sensor is to stand near
 
 
-def check_position(building: Building, scene: TriangleScene, position: np.ndarray, reach: float = 0.0) -> None:
+def check_position(building: Building, scene: TriangleScene, position: np.ndarray, reach: float | None = None) -> None:
     """Refuse a place where no sensor can be.
 
     Args:
         building: the building.
         scene: its triangles, prepared.
         position: (3,) float64 [m] world.
-        reach: [m] that it may be outside of what the building spans; where none, it has to be inside.
+        reach: [m] that it may be away from what the building spans; None: it has to be inside.
 
     Raises:
-        ValueError: outside the building, or inside one of its elements.
+        ValueError: farther away, or not inside, or inside one of its elements.
     """
     point = np.asarray(position, np.float64) - building.origin
     where = ", ".join(f"{value:.10g}" for value in position)
-    away = away_from(building, point)
-    if away > reach or not (reach or inside(building, scene, point[None])[0]):
+    is_near = inside(building, scene, point[None])[0] if reach is None else away_from(building, point) <= reach
+    if not is_near:
         low, high = (corner + building.origin for corner in bounds(building.triangles))
         spans = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low, high, strict=True))
-        beyond = f", farther than the sensor's reach of {reach:.4g} m" if reach else ""
+        beyond = "" if reach is None else f", farther than the sensor's reach of {reach:.4g} m"
         raise ValueError(f"pose {where} is outside the building, which spans {spans} m{beyond}")
     around = element_around(building, point)
     if around >= 0:
