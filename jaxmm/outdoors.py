@@ -14,7 +14,7 @@ from warp_scanner.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.triangles import cast_triangles
 
 BESIDE, ABOVE = 0.5, 3.0  # [m] of what a model spans: where a new wall may be outside of it, and where it may grow
-WITHOUT_FLOORS = 5.0  # [m] beside a building that has none
+WITHOUT_FLOORS = 2.0  # [m] beside a building that has none
 DEEP, HIGH = 6.0, np.float32(np.finfo(np.float32).max)  # [m] below and above a place, where something may be
 TERRAIN = ("IfcSite", "IfcGeographicElement")
 OUTDOORS = "it was taken outdoors: of what is new, only what is in the building is told"
@@ -29,7 +29,7 @@ def indoors(prior: Prior, points: np.ndarray) -> np.ndarray:
     """(N,) bool: points (N, 3) in a building: under something, on a floor, or among walls and on anything else.
 
     Right beside such a place, too, and on the highest floor, of which the model has no walls yet. Terrain is no floor.
-    Of a building without floors, whatever is in its bounding box or within 5 m of it counts.
+    Of a building without floors, whatever is in its bounding box or within 2 m of it counts.
     """
     points, semantic = np.asarray(points, np.float64), prior.building.triangles.semantic
     level = np.isin(semantic, (FLOOR, CEILING))

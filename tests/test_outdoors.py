@@ -67,7 +67,7 @@ def test_indoors_is_what_is_on_a_floor_or_under_something():
     assert indoors(prior_of_building(building_of(HOUSE)), beside).tolist() == [True, False]
     unroofed = prior_of_building(building_of((SLAB, *WALLS)))
     assert indoors(unroofed, places).tolist() == [True, False, False, True, False, False]
-    walls_only = prior_of_building(building_of(WALLS))  # within its box, or 5 m beside it
+    walls_only = prior_of_building(building_of(WALLS))  # within its box, or 2 m beside it
     assert indoors(walls_only, places + np.array([0.0, 0.0, 0.2])).tolist()[:3] == [True, False, False]
     assert indoors(prior_of_building(building_of((SLAB,))), places[[0, 2]]).tolist() == [True, False]  # no walls yet
     cloud = prior_of_cloud(np.random.default_rng(3).uniform(-3.0, 3.0, (100, 3)))
