@@ -23,6 +23,7 @@ class PieceSettings:
     least_points: int = 10  # of a piece
     least_height: float = 0.25  # from the lowest to the highest point of a piece
     furniture_height: float = 2.25  # what is seen no higher above the floor may be furniture; nothing higher is
+    tallest: float = 2.5  # furniture that one looks over; what ends higher, as under the open sky, may be a wall
     tolerance: float = 0.05  # of a point from the face or the circle that it lies on
     run_gap: float = 0.5  # most between neighbours of one face
     hidden_gap: float = 2.5  # most between faces of one wall, where nothing shows that the gap is free
@@ -214,7 +215,7 @@ def _may_be_upright(sight: Sight, piece: Piece, settings: PieceSettings) -> bool
     if not settings.least_height <= high - low < settings.furniture_height:
         return high - low >= settings.furniture_height
     start, end, sight = *front_of(piece), sight.under(piece.members)
-    ends_as_furniture = high - sight.floor < settings.furniture_height
+    ends_as_furniture = high - sight.floor < settings.tallest
     for bottom, top in ((high, sight.ceiling if ends_as_furniture else high), (sight.floor, low)):
         if top - bottom > settings.least_gap:
             patch = Patch(start, end, bottom + settings.rim, top - settings.rim)
