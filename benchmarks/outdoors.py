@@ -21,17 +21,20 @@ from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
+from jaxmm.judging import Judges
+from jaxmm.outdoors import is_outdoors
 from jaxmm.priors import Prior, read_prior
 from jaxmm.scan_rays import PosedScan
 from jaxmm.verdicts import REMOVED, VERDICTS
 from jaxmm.weights import DEFAULT
-from warp_scanner.building_poses import inside
 from warp_scanner.buildings import Triangles, bounds, join
 from warp_scanner.cores import worker_pool
 from warp_scanner.imperfections import imperfect
-from warp_scanner.scan import Rays
+from warp_scanner.points import points_of
+from warp_scanner.poses import rotation_of
 from warp_scanner.scenes import OTHER, PILLAR, WALL
-from warp_scanner.sensors import Pinhole, rotation_of, sensor_named
+from warp_scanner.sense import rays_of
+from warp_scanner.sensors import Pinhole, Pose, sensor_named
 from warp_scanner.surface import incidence_of
 from warp_scanner.triangles import cast_faces, cast_triangles, face_normals, prepare
 
@@ -65,22 +68,21 @@ def _part(task: tuple[Path, str, int, int, Path]) -> str:
     path, sensor, views, seed, out = task
     kept = out / f"{path.stem}_{sensor}_{seed}.json"
     if not kept.exists():
-        prior = read_prior(path)
-        write_json(
-            kept, {"views": list(filter(None, (_view(prior, sensor, (seed, number)) for number in range(views))))}
-        )
+        prior, judges = read_prior(path), read_judges(DEFAULT)
+        told = [_view(prior, judges, sensor, (seed, number)) for number in range(views)]
+        write_json(kept, {"views": [one for one in told if one is not None]})
     return kept.stem
 
 
-def _view(prior: Prior, sensor_name: str, which: tuple[int, int]) -> dict[str, Any] | None:
+def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]) -> dict[str, Any] | None:
     """What is told of one view; None where no place shows any wall."""
     building, draw, sensor = prior.building, np.random.default_rng(which), sensor_named(sensor_name)
     street, own = _street_of(prior), len(building.elements.guid)
     for _ in range(TRIES):
-        place, yaw, pitch = _pose(street, draw, isinstance(sensor, Pinhole))
-        if inside(building, prior.scene, place[None])[0]:
+        pose = _pose(street, draw, isinstance(sensor, Pinhole))
+        if not is_outdoors(prior, pose.position[0]):
             continue
-        rays = Rays(place[None].astype(np.float32), sensor.directions(), rotation_of([yaw], [pitch]))
+        rays = rays_of(sensor, pose)
         meets = cast_triangles(prior.scene, rays).element[0]
         count = np.bincount(meets[meets >= 0], minlength=own)
         shown = np.isin(building.triangles.semantic, (WALL, PILLAR)) & (count >= LEAST_RAYS * len(meets))
@@ -89,23 +91,20 @@ def _view(prior: Prior, sensor_name: str, which: tuple[int, int]) -> dict[str, A
     else:
         return None
     gone = int(draw.choice(np.flatnonzero(shown))) if draw.random() < GONE else -1
-    whole = join(building.triangles, _things_around(street, place, draw))
-    there = np.arange(len(whole.semantic)) != gone
-    scan, face = cast_faces(prepare(whole), rays, there)
+    whole = join(building.triangles, _things_around(street, pose.position[0].astype(np.float64), draw))
+    scan, face = cast_faces(prepare(whole), rays, np.arange(len(whole.semantic)) != gone)
     scan = imperfect(scan, incidence_of(face_normals(whole, face), rays), sensor, which[0], np.array([which[1]]))
-    back = np.isfinite(scan.distance[0])
-    turn = rotation_of([yaw], [pitch])[0].astype(np.float64)
-    ends = place + (sensor.directions()[back] @ turn.T) * scan.distance[0, back, None].astype(np.float64)
+    ends = points_of(pose, sensor.directions(), scan.distance)[0, np.isfinite(scan.distance[0])]
     off = draw.normal(0.0, OFF, 3) if sensor_name.endswith("-real") else np.zeros(3)
-    posed = PosedScan((ends + off).astype(np.float32), place + off, turn, sensor)
-    return _told(prior, NamedScan(posed, "scan", int(back.sum()), "given"), gone)
+    turn = rotation_of(pose.yaw, pose.pitch)[0].astype(np.float64)
+    posed = PosedScan((ends + off).astype(np.float32), pose.position[0] + off, turn, sensor)
+    return _told(prior, judges, NamedScan(posed, "scan", len(ends), "given"), gone)
 
 
-def _told(prior: Prior, scan: NamedScan, gone: int) -> dict[str, Any]:
+def _told(prior: Prior, judges: Judges, scan: NamedScan, gone: int) -> dict[str, Any]:
     told: dict[str, Any] = {"gone": gone >= 0}
     try:
-        settings = DetectSettings(propose_views=False)
-        found = detect_scans(prior, [scan], read_judges(DEFAULT), settings)
+        found = detect_scans(prior, [scan], judges, DetectSettings(propose_views=False))
     except InputError as error:
         return told | {"refused": str(error)}
     guid = prior.building.elements.guid[gone] if gone >= 0 else None
@@ -123,13 +122,14 @@ def _street_of(prior: Prior) -> Street:
     return Street((low + high)[:2] / 2, (high - low)[:2] / 2, ground)
 
 
-def _pose(street: Street, draw: np.random.Generator, is_camera: bool) -> tuple[np.ndarray, float, float]:
-    """A place [m] around the building, and yaw and pitch [deg] toward it."""
+def _pose(street: Street, draw: np.random.Generator, is_camera: bool) -> Pose:
+    """A place around the building, turned toward it (R = 1)."""
     turn, radius = draw.uniform(0.0, 2.0 * np.pi), np.linalg.norm(street.half) + draw.uniform(*AWAY)
     plan = street.middle + radius * np.array([np.cos(turn), np.sin(turn)])
     x, y = street.middle + street.half * draw.uniform(-0.7, 0.7, 2) - plan
     pitch = draw.uniform(-5.0, 15.0) if is_camera else 0.0
-    return np.array([*plan, street.ground + HEIGHT]), float(np.degrees(np.arctan2(y, x))), float(pitch)
+    place, yaw = np.array([*plan, street.ground + HEIGHT]), np.degrees(np.arctan2(y, x))
+    return Pose(*(np.array([value], np.float32) for value in (place, yaw, pitch)))
 
 
 def _things_around(street: Street, place: np.ndarray, draw: np.random.Generator) -> Triangles:
@@ -140,11 +140,8 @@ def _things_around(street: Street, place: np.ndarray, draw: np.random.Generator)
     shapes = [(trimesh.creation.box([200.0, 200.0, 0.1]), street.middle, ground - 0.05, 0.0)]
     for kind in draw.integers(0, 4, draw.integers(4, 10)):
         plan = place[:2] + draw.uniform(-15.0, 15.0, 2)
-        near, in_house = (
-            np.linalg.norm(plan - place[:2]) < 2.5,
-            np.all(np.abs(plan - street.middle) < street.half + 2.5),
-        )
-        if near or in_house:
+        in_house = np.all(np.abs(plan - street.middle) < street.half + 2.5)
+        if in_house or np.linalg.norm(plan - place[:2]) < 2.5:
             continue
         shape = (
             trimesh.creation.cylinder(radius=draw.uniform(0.1, 0.3), height=6.0, sections=24),

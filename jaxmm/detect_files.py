@@ -29,8 +29,8 @@ from jaxmm.scan_poses import GivenPose
 from jaxmm.scan_rays import PosedScan
 from jaxmm.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
 from jaxmm.weights import DEFAULT
-from warp_scanner.building_poses import away_from
-from warp_scanner.buildings import ReadOptions, bounds
+from warp_scanner.building_poses import away_from, span_of
+from warp_scanner.buildings import ReadOptions
 from warp_scanner.sensors import OAK_D_PRO, Pinhole, Sensor
 from warp_scanner.voxels import thin_clouds
 
@@ -235,10 +235,8 @@ def _check_place(prior: Prior, scan: PosedScan, thin: np.ndarray, source: str) -
     reach = min(most, float(np.linalg.norm(thin - scan.position, axis=1).max(initial=0.0)))
     if away <= reach:
         return
-    low, high = bounds(prior.building.triangles)
     where = ", ".join(f"{value:.10g}" for value in scan.position + prior.origin)
-    spans = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low + prior.origin, high + prior.origin, strict=True))
     raise InputError(
-        f"the pose {where}, {source}, is {away:.4g} m outside the building, which spans {spans} m, "
+        f"the pose {where}, {source}, is {away:.4g} m outside the building, which spans {span_of(prior.building)} m, "
         f"and the scan reaches {reach:.4g} m: it cannot show any of it"
     )

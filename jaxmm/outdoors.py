@@ -15,7 +15,7 @@ from warp_scanner.triangles import cast_triangles
 
 BESIDE, ABOVE = 0.5, 3.0  # [m] of what a model spans: where a new wall may be outside of it, and where it may grow
 WITHOUT_FLOORS = 2.0  # [m] beside a building that has none
-DEEP, HIGH = 6.0, np.float32(np.finfo(np.float32).max)  # [m] below and above a place, where something may be
+DEEP = 6.0  # [m] below a place, at most, of what it stands on
 TERRAIN = ("IfcSite", "IfcGeographicElement")
 OUTDOORS = "it was taken outdoors: of what is new, only what is in the building is told"
 
@@ -39,10 +39,12 @@ def indoors(prior: Prior, points: np.ndarray) -> np.ndarray:
     steps = BESIDE * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], float)
     places = (points[found][:, None] + steps).reshape(-1, 3)
     of_building = ~np.isin(np.asarray(prior.building.elements.ifc_class, str), TERRAIN)
-    covered, on_floor, on_anything = (
-        cast_triangles(prior.scene, Rays(places, np.array([[0.0, 0.0, way]], np.float32)), there).distance[:, 0] <= most
-        for way, there, most in ((1.0, of_building, HIGH), (-1.0, level, DEEP), (-1.0, of_building, DEEP))
-    )
+
+    def away(way: float, there: np.ndarray) -> np.ndarray:
+        return cast_triangles(prior.scene, Rays(places, np.array([[0.0, 0.0, way]], np.float32)), there).distance[:, 0]
+
+    covered, on_floor = np.isfinite(away(1.0, of_building)), away(-1.0, level) <= DEEP
+    on_anything = away(-1.0, of_building) <= DEEP
     upright = np.isin(semantic, (WALL, PILLAR))[prior.building.triangles.element]
     among_walls = np.zeros(len(places), bool)
     if upright.any():

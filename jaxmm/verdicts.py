@@ -73,9 +73,9 @@ def told_of(scanned: np.ndarray, element: np.ndarray, rays: np.ndarray, probabil
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(element, votes * probability, count) / total
     share = (pooled[:, THROUGH] + 0.5) / (pooled[:, [THROUGH, SUPPORT]].sum(axis=1) + 1.0)
-    points, rays_say = _logit(mean), _logit(share)
-    heard = np.where(points < rays_say, np.clip((UNDOUBTED - share) / (UNDOUBTED - DOUBTED), 0.0, 1.0), 1.0) / 2
-    logit = np.where(total > 0, heard * points + (1.0 - heard) * rays_say, np.nan)
+    by_points, by_rays = _logit(mean), _logit(share)
+    heard = np.where(by_points < by_rays, np.clip((UNDOUBTED - share) / (UNDOUBTED - DOUBTED), 0.0, 1.0), 1.0) / 2
+    logit = np.where(total > 0, heard * by_points + (1.0 - heard) * by_rays, np.nan)
     return Told(np.asarray(scanned, bool), np.bincount(element, minlength=count), pooled, logit)
 
 

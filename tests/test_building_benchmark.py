@@ -6,6 +6,7 @@ import numpy as np
 
 from benchmarks.buildings import _counts as counts
 from benchmarks.buildings import _held as held
+from benchmarks.buildings import _is_whole as is_whole
 from benchmarks.buildings import table
 from jaxmm.config import SCENARIOS
 from jaxmm.files import write_json
@@ -58,3 +59,12 @@ def test_views_are_counted_by_change_and_by_how_much_they_show(tmp_path):
     rows = [line for line in table(tmp_path, "occluded", 3).splitlines() if line.startswith("| house")]
     assert rows[0].startswith("| house | 6 | 1 | 2 | 1 | 2 | 1 | 3 | 1 | 3 | 1.0 | 0.50 |")
     assert rows[1] == "| house | 2 | 0 | 2 | 1 | 1 | 1 | 0 | 0 | 0 |"
+
+
+def test_a_file_of_an_earlier_table_is_made_again(tmp_path):
+    path = tmp_path / "house_occluded_3.json"
+    assert not is_whole(path)
+    write_json(path, {"views": [{"alike": []}, {"scenario": "wall_added"}]})
+    assert not is_whole(path)
+    write_json(path, {"views": [{"alike": []}]})
+    assert is_whole(path)

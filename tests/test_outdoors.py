@@ -138,7 +138,8 @@ def test_the_street_of_the_benchmark_leaves_the_building_and_the_sensor_free():
     street = Street(np.array([3.0, -2.0]), np.array([6.0, 4.0]), 1.0)
     for number in range(50):
         draw = np.random.default_rng(number)
-        place, yaw, _ = a_pose(street, draw, False)
+        pose = a_pose(street, draw, False)
+        place, yaw = pose.position[0].astype(np.float64), pose.yaw[0]
         low, high = element_bounds(things_around(street, place, draw))
         away = np.maximum(np.maximum(low[1:, :2] - place[:2], place[:2] - high[1:, :2]), 0.0)
         assert np.linalg.norm(away, axis=1).min() > 0.0  # of all but the ground

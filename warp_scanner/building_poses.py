@@ -48,18 +48,25 @@ def check_position(building: Building, scene: TriangleScene, position: np.ndarra
         ValueError: farther away, or not inside, or inside one of its elements.
     """
     point = np.asarray(position, np.float64) - building.origin
-    where = ", ".join(f"{value:.10g}" for value in position)
     is_near = inside(building, scene, point[None])[0] if reach is None else away_from(building, point) <= reach
     if not is_near:
-        low, high = (corner + building.origin for corner in bounds(building.triangles))
-        spans = ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low, high, strict=True))
         beyond = "" if reach is None else f", farther than the sensor's reach of {reach:.4g} m"
-        raise ValueError(f"pose {where} is outside the building, which spans {spans} m{beyond}")
+        raise ValueError(f"pose {_named(position)} is outside the building, which spans {span_of(building)} m{beyond}")
     around = element_around(building, point)
     if around >= 0:
         elements = building.elements
         kind, name = elements.ifc_class[around] or "element", elements.name[around]
-        raise ValueError(f"pose {where} is inside {kind} {name!r} ({elements.guid[around]})")
+        raise ValueError(f"pose {_named(position)} is inside {kind} {name!r} ({elements.guid[around]})")
+
+
+def span_of(building: Building) -> str:
+    """From where to where a building reaches in the world, along x, y and z [m], as errors say it."""
+    low, high = (corner + building.origin for corner in bounds(building.triangles))
+    return ", ".join(f"{a:.2f} to {b:.2f}" for a, b in zip(low, high, strict=True))
+
+
+def _named(position: np.ndarray) -> str:
+    return ", ".join(f"{value:.10g}" for value in position)
 
 
 def away_from(building: Building, point: np.ndarray) -> float:
