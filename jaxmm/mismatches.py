@@ -104,7 +104,9 @@ def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[M
         box = box._replace(probability=verdict.probability)
         if kind == "pillar" and is_round(change.triangles.vertices):
             box = box._replace(shape="round", rotation=0.0)
-        found.append(_mismatch(prior, box, "removed", alone)._replace(element=building.elements.guid[row]))
+        found.append(
+            _mismatch(prior, box, "removed", alone)._replace(element=building.elements.guid[row], type_probability=1.0)
+        )
     return found
 
 
@@ -162,7 +164,12 @@ def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSet
         return bool(new >= LEAST_NEW and tell >= LEAST_MET and solid)
 
     found = [(box_of(one), one) for one in find_objects(judged, settings.objects, prior.known, allows=allows)]
-    return [_mismatch(prior, box, change, _alone(box, change, looked), one.measured) for box, one in found]
+    return [
+        _mismatch(prior, box, change, _alone(box, change, looked), one.measured)._replace(
+            type_probability=one.type_probability
+        )
+        for box, one in found
+    ]
 
 
 def _measured_by_thesis(one: Box, settings: DetectSettings) -> tuple[bool, bool, bool]:

@@ -9,7 +9,7 @@ from typing import Any
 from jaxmm.figures import UNDATED
 from jaxmm.plan_figure import draw_plan
 from jaxmm.report import Detection
-from jaxmm.report_text import metres, number, percent, pose_in_words, printable, sizes
+from jaxmm.report_text import kind_in_words, metres, number, percent, pose_in_words, printable, sizes
 from jaxmm.verdict_words import ASSUMED_WORDS, VERDICT_WORDS
 from jaxmm.verdicts import OCCLUDED, REMOVED
 
@@ -55,7 +55,7 @@ def _mismatches(detection: Detection) -> str:
     for index, one in enumerate(detection.mismatches, 1):
         moved = "" if one.moved_from is None else f"moved here from {one.moved_from + 1}"
         rows.append((
-            index, one.mismatch_type, one.object_type, metres(one.center), sizes(one),
+            index, one.mismatch_type, kind_in_words(one), metres(one.center), sizes(one),
             number(one.rotation, 1), percent(one.probability), percent(one.observable_fraction), one.element or moved,
         ))  # fmt: skip
     return f"{_table(columns, rows)}<p>{_text(ASSUMED_WORDS)}</p>" if rows else ""

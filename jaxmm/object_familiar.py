@@ -63,6 +63,26 @@ def by_size(
     return np.append(share[0], odds * ((1.0 - share[0]) / odds.sum()))
 
 
+def by_width(share: np.ndarray, candidate: Candidate, known: KnownBuilding, settings: SolidSettings) -> np.ndarray:
+    """The probabilities (3,) of nothing, a pillar and a wall, the second given to the third where a face is too wide.
+
+    A building of walls alone, without a single column, gets none that is as wide as a piece of wall; where two sides
+    are seen, its shape tells.
+
+    Args:
+        share: (3,) as the judge has them.
+        candidate: of which it has.
+        known: its walls and columns.
+        settings: how wide columns are at most.
+    """
+    own, first = known.own, candidate.first
+    if own is None or not len(own.is_wall) or not own.is_wall.all():
+        return share
+    if first.face is None or candidate.crossing is not None or first.face.length <= settings.widest_column:
+        return share
+    return np.array([share[0], 0.0, share[1] + share[2]])
+
+
 def _likelier(sizes: tuple[tuple, ...], sides: int, settings: SolidSettings) -> float:
     """How many times likelier what has one of some sizes is of their kind: as often as that is so, by chance."""
     by_chance = len(sizes) * (2.0 * settings.fits / SPAN) ** sides

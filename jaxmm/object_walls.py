@@ -52,6 +52,7 @@ class Solid(NamedTuple):
     members: np.ndarray  # (n,) int of the points
     measured: tuple[bool, bool] = (True, True)  # of the edges, whether they are seen from end to end, not assumed
     probability: float = 1.0  # that it is real
+    type_probability: float = 1.0  # that it is of its type, if it is real
 
 
 class Continuation(NamedTuple):

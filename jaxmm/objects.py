@@ -8,7 +8,6 @@ end below the ceiling, is furniture, whatever its points look like.
 
 import dataclasses
 import functools
-import itertools
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -20,7 +19,7 @@ from jaxmm.building_own import habits_around
 from jaxmm.object_candidates import Candidate, candidates_of
 from jaxmm.object_clues import CLUES, ONTO, Opinions, Surroundings, clues_of
 from jaxmm.object_ends import Look, as_all_rays_show
-from jaxmm.object_familiar import by_size
+from jaxmm.object_familiar import by_size, by_width
 from jaxmm.object_finish import Rays
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.object_levels import levels_of
@@ -62,6 +61,7 @@ class Found(NamedTuple):
     box: Box  # its probability is that it is real
     members: np.ndarray  # (n,) int of the points that it was fitted to, in order
     measured: tuple[bool, bool, bool] = (True, True, True)  # of its dimensions, whether they are seen, not assumed
+    type_probability: float = 1.0  # that it is of its type, if it is real
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,11 +118,20 @@ def find_objects(
     share = judge_objects(judge or default_judge(), clues)
     allowed = []
     for one, odds in zip(candidates, share, strict=True):
-        solids = _solids(sight, (one, as_all_rays_show(sight, looks, one, settings.tolerance)), odds, settings, known)
-        fitting = (solid for solid in solids if allows is None or allows(_found(sight, solid, settings)))
-        allowed += itertools.islice(fitting, 1)
+        shown = (one, as_all_rays_show(sight, looks, one, settings.tolerance))
+        solids = list(_solids(sight, shown, odds, settings, known))
+        allowed += _likeliest(solids, [allows is None or allows(_found(sight, solid, settings)) for solid in solids])
     found = [_found(sight, one, settings) for one in without_splinters(sight, allowed, settings)]
     return sorted(found, key=lambda one: (-one.box.probability, *one.box.center))
+
+
+def _likeliest(solids: list[Solid], allowed: list[bool]) -> list[Solid]:
+    """The first of those that are allowed, if any: what is refused as the other type is of this one."""
+    refused = sum(solid.type_probability for solid, fits in zip(solids, allowed, strict=True) if not fits)
+    first = next((solid for solid, fits in zip(solids, allowed, strict=True) if fits), None)
+    if first is None:
+        return []
+    return [first._replace(type_probability=min(first.type_probability / max(1.0 - refused, 1e-6), 1.0))]
 
 
 def _solids(
@@ -139,18 +148,20 @@ def _solids(
     def made(is_wall: bool) -> Solid | None:
         return solid_of(seen, one, is_wall, settings, known, thinned)
 
+    share = by_width(share, one, known, settings)
     if known.columns or known.short_walls:
         share = by_size(share, one, made(False), known, settings, lambda: _off_grid(seen, made(True), known))
     nothing, pillar, wall = share
     real = 1.0 - nothing
     probability = float(real / (real + settings.rarer * nothing))
     for is_wall in (bool(wall > pillar), bool(wall <= pillar)):
-        if (wall if is_wall else pillar) < settings.least_type * real:
+        of_type = float((wall if is_wall else pillar) / max(real, 1e-9))
+        if of_type < settings.least_type:
             continue
         solid = made(is_wall)
         if solid is None:
             return
-        yield solid._replace(probability=probability)
+        yield solid._replace(probability=probability, type_probability=of_type)
 
 
 def _off_grid(sight: Sight, wall: Solid | None, known: KnownBuilding) -> float:
@@ -231,7 +242,7 @@ def _found(sight: Sight, solid: Solid, settings: ObjectSettings) -> Found:
         solid.probability,
         len(solid.members),
     )
-    return Found(box, solid.members, (*solid.measured, upright))
+    return Found(box, solid.members, (*solid.measured, upright), solid.type_probability)
 
 
 def _checked(judged: Judged) -> tuple[Sight, Opinions]:

@@ -19,6 +19,7 @@ from jaxmm.verdict_words import (
     PROBABILITY_OF_MISMATCH,
     PROBABILITY_WORDS,
     ROBOT_EVIDENCE_WORDS,
+    SURE_OF_TYPE,
     VERDICT_WORDS,
 )
 
@@ -72,7 +73,7 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
             "verdicts": VERDICT_WORDS if detection.elements else {},  # a point cloud has nothing that they are of
             "probability": PROBABILITY_WORDS if detection.elements else PROBABILITY_OF_MISMATCH,
             "prior": EVIDENCE_WORDS, "robot": ROBOT_EVIDENCE_WORDS, "observable": OBSERVABLE_WORDS,
-            "assumed": ASSUMED_WORDS, "tilde": ASSUMED,
+            "assumed": ASSUMED_WORDS, "tilde": ASSUMED, "sure_of_type": SURE_OF_TYPE,
         },
         "thinned": _told(drawing, (len(robot), len(prior), len(surface.faces))),
         "has_surface": drawing.vertices is not None,

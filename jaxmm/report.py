@@ -40,6 +40,7 @@ class Mismatch(NamedTuple):
     observable_fraction: float | None = None  # of what would be seen of it if it stood alone; None where unknown
     shape: str = "rectangular"  # "rectangular" | "round": the footprint
     measured: tuple[bool, bool, bool] = (True, True, True)  # of the dimensions: seen, or the model's, not assumed
+    type_probability: float | None = None  # that it is of its type, if it is real; None where nobody asked
     told_by: tuple[int, ...] = ()  # of each scan: rays that show that it is new, or gone; not in report.json
 
 
@@ -176,6 +177,8 @@ def to_json(detection: Detection) -> dict[str, Any]:
 
 def _mismatch(one: Mismatch) -> dict[str, Any]:
     told = one._asdict() | {"probability": told_probability(one.probability)}
+    if one.type_probability is not None:
+        told["type_probability"] = told_probability(one.type_probability)
     del told["told_by"]
     return _plain(told)
 

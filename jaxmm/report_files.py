@@ -25,7 +25,7 @@ POSITION = ("x [m]", "y [m]", "z [m]")
 MISMATCH_COLUMNS = (
     "number", "mismatch_type", "object_type", "shape", *(f"center_{name}" for name in POSITION),
     *(f"dimension_{name}" for name in POSITION), "rotation [deg]", "probability", "observable_fraction", "element",
-    "moved_from", "measured",
+    "moved_from", "measured", "type_probability",
 )  # fmt: skip
 ELEMENT_COLUMNS = (
     "guid", "ifc_class", "name", "storey", "verdict", "probability_removed", "prior_points",
@@ -60,7 +60,8 @@ def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
     """A row for each mismatch: RFC 4180, units in the header, an empty cell where nothing is known.
 
     `number` counts from 1, as in report.md and the figures, and `moved_from` is such a number; `measured` says of each
-    dimension, in order, whether it is seen from end to end, or the model's own, or else assumed. Text that begins with
+    dimension, in order, whether it is seen from end to end, or the model's own, or else assumed;
+    `type_probability`, whether a real object is of this type. Text that begins with
     =, +, -, @, a tab or a line break gets a leading apostrophe: spreadsheets would run it as a formula.
     """
     rows = []
@@ -70,6 +71,7 @@ def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
             number, one.mismatch_type, one.object_type, one.shape, *map(float, one.center),
             *map(float, one.dimensions), float(one.rotation), told_probability(one.probability),
             one.observable_fraction, one.element, origin, " ".join("yes" if seen else "no" for seen in one.measured),
+            None if one.type_probability is None else told_probability(one.type_probability),
         ])  # fmt: skip
     return _as_csv(MISMATCH_COLUMNS, rows)
 

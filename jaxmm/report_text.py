@@ -19,6 +19,7 @@ from jaxmm.verdict_words import (
     OBSERVABLE_WORDS,
     PROBABILITY_OF_MISMATCH,
     PROBABILITY_WORDS,
+    SURE_OF_TYPE,
     VERDICT_WORDS,
 )
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
@@ -72,6 +73,20 @@ def metres(values: Iterable[float]) -> str:
 def sizes(mismatch: Mismatch) -> str:
     """Its dimensions, those that are assumed behind a tilde."""
     return ", ".join(told_size(*one) for one in zip(mismatch.dimensions, mismatch.measured, strict=True))
+
+
+def kind_in_words(mismatch: Mismatch) -> str:
+    """Its type: "wall", "round pillar"; "wall, or pillar (22 %)" where what is seen of it leaves that open."""
+    kind = f"round {mismatch.object_type}" if mismatch.shape == "round" else mismatch.object_type
+    other = other_type(mismatch)
+    return kind if other is None else f"{kind}, or {other[0]} ({percent(other[1])})"
+
+
+def other_type(mismatch: Mismatch) -> tuple[str, float] | None:
+    """The other type, and the probability that a real object is of it; None where nobody asked, or it is improbable."""
+    if mismatch.type_probability is None or mismatch.type_probability >= SURE_OF_TYPE:
+        return None
+    return "pillar" if mismatch.object_type == "wall" else "wall", 1.0 - mismatch.type_probability
 
 
 def told_size(value: float, seen: bool) -> str:
@@ -152,9 +167,9 @@ def _mismatches(mismatches: Iterable[Mismatch]) -> list[str]:
     for index, one in enumerate(mismatches, 1):
         moved = GAP if one.moved_from is None else f"moved here from no. {one.moved_from + 1}"
         rows.append([
-            index, one.mismatch_type, f"{one.shape} {one.object_type}" if one.shape == "round" else one.object_type,
-            metres(one.center), escaped(sizes(one)), number(one.rotation, 1), percent(one.probability),
-            percent(one.observable_fraction), _identifier(one.element) if one.element else moved,
+            index, one.mismatch_type, kind_in_words(one), metres(one.center), escaped(sizes(one)),
+            number(one.rotation, 1), percent(one.probability), percent(one.observable_fraction),
+            _identifier(one.element) if one.element else moved,
         ])  # fmt: skip
     if not rows:
         return ["## Mismatches", "", "None was found. What the scan could not see is told below."]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from jaxmm.boxes import MISMATCH_TYPES, OBJECT_TYPES
 from jaxmm.evidence import FRACTIONS
 from jaxmm.report import Detection, Mismatch
-from jaxmm.report_text import chance, sizes
+from jaxmm.report_text import chance, other_type, sizes
 from jaxmm.snapshots import Camera, best_scan, camera_at
 from jaxmm.verdict_words import ASSUMED_WORDS
 
@@ -104,6 +104,8 @@ def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
     if abs(mismatch.rotation) >= LEAST_TURN:
         yield f"It is turned by {mismatch.rotation:.1f}° counter-clockwise."
     yield f"The probability that this is real is {chance(mismatch.probability)}."
+    if (other := other_type(mismatch)) is not None:
+        yield f"The probability that it is a {other[0]} instead is {chance(other[1])}."
     if mismatch.observable_fraction is not None:
         yield f"Of the object, {mismatch.observable_fraction:.0%} could be observed."
     if mismatch.element is None:

@@ -174,6 +174,9 @@ def test_what_is_refused_as_the_likelier_type_is_tried_as_the_other_unless_that_
     (found,) = find_objects(seen, judge=says(*odds), allows=lambda one: one.box.object_type == types[-1])
     assert found.box.object_type == types[-1]
     assert found.box.probability == pytest.approx(0.9 / (0.9 + ObjectSettings().rarer * 0.1))
+    assert found.type_probability == pytest.approx(1.0 if len(types) == 2 else 0.88 / 0.9)
+    (both,) = find_objects(seen, judge=says(*odds))
+    assert both.box.object_type == types[0] and both.type_probability == pytest.approx(max(odds[1:]) / 0.9)
 
 
 def test_what_tells_nothing_of_its_shape_as_the_likelier_type_is_not_tried_as_the_other():

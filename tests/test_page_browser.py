@@ -62,6 +62,18 @@ def test_browser_does_not_call_sure_what_is_nearly_sure(driver, case, tmp_path):
     assert [text.split(",")[0] for text in listed] == [f"probability {words}" for words in chances.values()]
 
 
+def test_browser_tells_both_types_of_what_may_be_either(driver, case, tmp_path):
+    one = case.detection.mismatches[0]._replace(object_type="wall")
+    found = tuple(one._replace(type_probability=value) for value in (0.78, 0.96, None))
+    with Page(driver, tmp_path / "report.html", case.detection._replace(mismatches=found)) as page:
+        panels = []
+        for index in range(len(found)):
+            page.run("document.querySelectorAll('#mismatches button')[arguments[0]].click()", index)
+            panels.append(page.text("chosen"))
+    assert "wall 0.78, pillar 0.22" in panels[0]
+    assert not any("pillar" in panel for panel in panels[1:])
+
+
 def test_browser_selects_what_is_clicked(driver, case, tmp_path):
     detection = case.detection
     with Page(driver, tmp_path / "report.html", detection) as page:

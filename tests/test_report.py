@@ -72,6 +72,7 @@ def random_detection(seed: int) -> Detection:
             ("pillar", "wall")[rng.integers(2)], ("added", "removed")[rng.integers(2)],
             np.array([real() for _ in range(3)]), np.abs([real() for _ in range(3)]), real(), share(), maybe(name()),
             maybe(int(rng.integers(5))), maybe(share()), ("rectangular", "round")[rng.integers(2)],
+            type_probability=maybe(share()),
         )
         for _ in range(rng.integers(4))
     )  # fmt: skip

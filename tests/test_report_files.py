@@ -16,7 +16,7 @@ from jaxmm.evidence import SUPPORT
 from jaxmm.mismatch_points import MARGIN, inside, mismatch_points
 from jaxmm.notebook import detection_html
 from jaxmm.page import page_text
-from jaxmm.report import ElementVerdict, Mismatch, PriorFile, ScanRecord
+from jaxmm.report import ElementVerdict, Mismatch, PriorFile, ScanRecord, to_json
 from jaxmm.report_files import (
     ADDED_COLOR,
     PLAIN_FILES,
@@ -348,3 +348,22 @@ def test_a_notebook_says_of_each_scan_file_nothing_that_is_not_known():
     scan = ScanRecord("a.ply", 1, (0.0, 0.0, 1.0, 0.0, 0.0), "given", None, {}, {})
     empty = random_detection(0)._replace(mismatches=(), elements=(), notes=(), scans=(scan,))
     assert "no mismatch" in detection_html(empty)
+
+
+def test_what_may_be_of_the_other_type_says_so_in_every_report(added):
+    one = added.mismatches[0]._replace(object_type="wall", shape="rectangular", type_probability=0.78)
+    told = added._replace(mismatches=(one,))
+    assert rows_of(mismatches_csv([one]))[0]["type_probability"] == "0.78"
+    assert to_json(told)["mismatches"][0]["type_probability"] == 0.78
+    assert "| wall, or pillar (22 %) |" in as_markdown(told) and "wall, or pillar (22 %)" in detection_html(told)
+    (topic,) = topics_of(told, "house")
+    assert "The probability that it is a pillar instead is 0.220." in topic.description
+
+
+@pytest.mark.parametrize("sure", [None, 0.95, 1.0])
+def test_a_type_that_is_sure_or_was_never_asked_for_stands_alone(added, sure):
+    one = added.mismatches[0]._replace(object_type="pillar", shape="round", type_probability=sure)
+    told = added._replace(mismatches=(one,))
+    assert "| round pillar |" in as_markdown(told) and ", or wall" not in detection_html(told)
+    assert "instead" not in topics_of(told, "house")[0].description
+    assert rows_of(mismatches_csv([one]))[0]["type_probability"] == ("" if sure is None else str(sure))

@@ -24,6 +24,7 @@ function mismatchPairs(index, actions) {
   const origin = () => make("button", { click: () => actions.chooseMismatch(source) }, mismatchName(source));
   return pairs([
     ["probability", `${chance(one.probability)} that it is real`],
+    ["type", typeWords(one)],
     ["centre", metres(one.center)],
     ["size", sizes(one)],
     ["", one.measured.every(Boolean) ? null : data.words.assumed],

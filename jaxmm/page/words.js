@@ -17,6 +17,12 @@ const plural = (value, word) => `${count(value)} ${word}${value === 1 ? "" : "s"
 /** The dimensions of a mismatch, those that are assumed behind a tilde. */
 const sizes = (one) =>
   `${one.dimensions.map((size, axis) => `${one.measured[axis] ? "" : data.words.tilde}${size.toFixed(2)}`).join("  ")} m`;
+/** Both types and their probabilities, where what is seen of a mismatch leaves open which it is; else a gap. */
+function typeWords(one) {
+  if (one.type_probability === null || one.type_probability >= data.words.sure_of_type) return null;
+  const other = one.object_type === "wall" ? "pillar" : "wall";
+  return `${one.object_type} ${chance(one.type_probability)}, ${other} ${chance(1 - one.type_probability)}`;
+}
 const metres = (values) => `${values.map((value) => value.toFixed(2)).join("  ")} m`;
 const capital = (word) => word.charAt(0).toUpperCase() + word.slice(1);
 
