@@ -66,17 +66,17 @@ def by_size(
 def by_width(share: np.ndarray, candidate: Candidate, known: KnownBuilding, settings: SolidSettings) -> np.ndarray:
     """The probabilities (3,) of nothing, a pillar and a wall, the second given to the third where a face is too wide.
 
-    A building of walls alone, without a single column, gets none that is as wide as a piece of wall; where two sides
-    are seen, its shape tells.
+    A building of many walls, without a single column, gets none that is as wide as a piece of wall; where two sides
+    are seen, its shape tells. Of few walls, as of one room, it says nothing that there is no column yet.
 
     Args:
         share: (3,) as the judge has them.
         candidate: of which it has.
         known: its walls and columns.
-        settings: how wide columns are at most.
+        settings: how wide columns are at most, and how many walls are many.
     """
     own, first = known.own, candidate.first
-    if own is None or not len(own.is_wall) or not own.is_wall.all():
+    if own is None or len(own.is_wall) < settings.many_walls or not own.is_wall.all():
         return share
     if first.face is None or candidate.crossing is not None or first.face.length <= settings.widest_column:
         return share

@@ -21,7 +21,8 @@ class SolidSettings(CandidateSettings):
     least_column: float = 0.26  # a lone face of a wall that is narrower is its end
     familiar: float = 0.8  # share of new columns, and short walls, that have the size of one of their building
     end_on: float = 100.0  # how many times seldomer a wall shows its end alone than a column looks like that
-    widest_column: float = 0.95  # of a lone face, in a building that has walls and no columns at all
+    many_walls: int = 16  # from so many on, a building without any column seems to have none
+    widest_column: float = 0.95  # of a lone face, in such a building
     least_width: float = 0.15  # of a lone face that goes on unseen; less tells nothing of its shape
 
 

@@ -119,21 +119,22 @@ def test_whether_it_is_real_stays_as_the_judge_has_it():
 
 @pytest.mark.parametrize("yaw", [0.0, 3.0])
 def test_a_wide_face_alone_is_no_columns_where_a_building_has_walls_alone(yaw):
-    """Other buildings keep what the judge says: who knows no element, and who has a column."""
+    """Other buildings keep what the judge says: of which no element is known, that have a column, or few walls."""
     sure = says(0.02, 0.95, 0.03)
 
-    def told_of(width, *columns):
-        row = np.ones(1 + len(columns))
-        own = OwnElements(np.array([True, *(False for _ in columns)]), row > 1, np.zeros((len(row), 2)), 0 * row, row)
+    def told_of(width, columns=0, walls=16):
+        row = np.ones(walls + columns)
+        own = OwnElements(np.arange(len(row)) < walls, row > 1, np.zeros((len(row), 2)), 0 * row, row)
         return told(judged(pillar(2.5, 0.0, width, yaw)), KnownBuilding(own=own), sure)
 
-    assert told_of(1.1).object_type == "wall" and told_of(1.1).probability == told_of(1.1, 0.3).probability
-    assert told_of(0.9).object_type == told_of(1.1, 0.3).object_type == "pillar"
+    assert told_of(1.1).object_type == "wall" and told_of(1.1).probability == told_of(1.1, 1).probability
+    for other in (told_of(0.9), told_of(1.1, columns=1), told_of(1.1, walls=15)):
+        assert other.object_type == "pillar"
     assert told(judged(pillar(2.5, 0.0, 1.1, yaw)), KnownBuilding(), sure).object_type == "pillar"
     assert told_of(1.1).dimensions[:2].min() < 0.3
 
 
 def test_two_wide_faces_are_a_columns_in_any_building():
-    own = OwnElements(np.ones(1, bool), np.zeros(1, bool), np.zeros((1, 2)), np.zeros(1), np.ones(1))
+    own = OwnElements(np.ones(16, bool), np.zeros(16, bool), np.zeros((16, 2)), np.zeros(16), np.ones(16))
     seen = judged(pillar(3.0, 0.0, 1.1, 40.0))
     assert told(seen, KnownBuilding(own=own), says(0.02, 0.95, 0.03)).object_type == "pillar"
