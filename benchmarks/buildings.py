@@ -8,12 +8,14 @@ belongs, that the model lacks. A view of a change with an observable fraction of
 element is called removed, or exactly that object is found; of a change that shows less, finding nothing is right as
 well, but nothing that is gone may be called present. Most of a missing wall is out of view, so boxes of its type have
 to hold half of the rays that show it, and none may be on anything else. Views in which something of another kind would
-look the same, see `lookalikes`, are told apart from the others. What is there is not made again. Prints Markdown, and
-how long a scan of 1280 x 800 takes: from loaded arrays to the report, warm; and the whole command `jaxmm detect`, with
-empty caches, as on a new machine, and again with those that the first left.
+look the same, see `lookalikes`, are told apart from the others. Of boxes that are right but perhaps for the type it
+tells how often the type is right, by how probable the report calls it. What is there is not made again. Prints
+Markdown, and how long a scan of 1280 x 800 takes: from loaded arrays to the report, warm; and the whole command `jaxmm
+detect`, with empty caches, as on a new machine, and again with those that the first left.
 """
 
 import argparse
+import itertools
 import json
 import os
 import subprocess
@@ -28,6 +30,7 @@ import numpy as np
 from benchmarks.detection_scores import LEAST_SHOWN
 from benchmarks.lookalikes import lookalikes, sections_of, view_of
 from jaxmm.box_match import match_boxes
+from jaxmm.boxes import Box
 from jaxmm.config import SCENARIOS
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
@@ -51,6 +54,7 @@ from warp_scanner.sensors import OAK_D_PRO, OAK_D_PRO_SMALL, Sensor
 
 SEED = 3  # of the test rooms
 CHANGES = (*SCENARIOS, *MISSING)
+SURE = (0.5, 0.75, 0.95, 0.99)  # from these probabilities of a type on, types are told together
 HELD = 0.5  # share of the rays that show a missing element, that must end in boxes of its type
 
 
@@ -70,8 +74,8 @@ def _kept(out: Path, stem: str, condition: str, seed: int) -> Path:
 
 
 def _is_whole(kept: Path) -> bool:
-    """Whether a file is there, and of this table: earlier ones knew no look-alikes."""
-    return kept.exists() and all("alike" in one for one in load_json(kept)["views"])
+    """Whether a file is there, and of this table: earlier ones knew no probability of types."""
+    return kept.exists() and all("types" in one or "refused" in one for one in load_json(kept)["views"])
 
 
 def _file(path: Path, judges: Judges, count: int, condition: str, seed: int) -> dict[str, Any]:
@@ -110,6 +114,7 @@ def _view(prior: Prior, judges: Judges, scenario: str, pairs: Pairs, scan: Posed
     if missing:
         prior = prior_of_building(without(prior.building, np.array([row])))
     told = {"scenario": scenario, "shown": shown[0], "pose": [float(one) for one in scan.position]}
+    there = true[0]._replace(center=true[0].center + prior.origin)
     told["alike"] = [] if removed else sorted(lookalikes(view_of(pairs), true[0], sections_of(prior.building)))
     try:
         settings = DetectSettings(propose_views=False)
@@ -122,13 +127,23 @@ def _view(prior: Prior, judges: Judges, scenario: str, pairs: Pairs, scan: Posed
     elif missing:
         found, right = _held([one for one in own if one.object_type == true[0].object_type], pairs, scan, prior.origin)
     else:
-        found = right = len(match_boxes([box_of(one) for one in own], true))
+        found = right = len(match_boxes([box_of(one) for one in own], [there]))
     verdict = next((one.verdict for one in detection.elements if one.guid == guid), None)
     gone = [one.guid for one in detection.elements if one.verdict == REMOVED and one.guid != guid]
     return told | {
         "found": found, "false": len(detection.mismatches) - right, "verdict": verdict, "wrong_elements": gone,
-        "sentences": list(detection.sentences),
+        "types": [] if removed or missing else _types(own, there), "sentences": list(detection.sentences),
     }  # fmt: skip
+
+
+def _types(found: list[Mismatch], true: Box) -> list[tuple[float, bool]]:
+    """Of what is found where the object is: how probable its type is called, and whether it is right."""
+
+    def touches(one: Mismatch) -> bool:
+        reach = (max(one.dimensions[:2]) + max(true.dimensions[:2])) / 2
+        return bool(np.linalg.norm((one.center - true.center)[:2]) <= reach)
+
+    return [(one.type_probability, one.object_type == true.object_type) for one in found if touches(one)]
 
 
 def _held(found: list[Mismatch], pairs: Pairs, scan: PosedScan, origin: np.ndarray) -> tuple[int, int]:
@@ -200,7 +215,18 @@ def table(out: Path, condition: str, seed: int) -> str:
                 cells += [f"{told['loading']:.1f}", f"{taken[0]:.2f}", *(f"{one:.1f}" for one in taken[1:])]
             lines.append(f"| {' | '.join(str(cell) for cell in cells)} |")
         lines.append("")
-    return "\n".join(lines)
+    every = [load_json(path)["views"] for path in sorted(out.glob(_kept(out, "*", condition, seed).name))]
+    return "\n".join([*lines, *_by_type([one for views in every for view in views for one in view.get("types", [])])])
+
+
+def _by_type(types: list[tuple[float, bool]]) -> list[str]:
+    """How often types are right, by how probable they are called."""
+    lines = ["| type called probable | objects | on average | right |", "| --- | --- | --- | --- |"]
+    for least, most in itertools.pairwise((*SURE, np.inf)):
+        called = np.array([one for one in types if least <= one[0] < most], float).reshape(-1, 2)
+        if len(called):
+            lines.append(f"| from {least} on | {len(called)} | {called[:, 0].mean():.3f} | {called[:, 1].mean():.3f} |")
+    return lines
 
 
 def _counts(views: list[dict[str, Any]], changes: tuple[str, ...]) -> list[int]:

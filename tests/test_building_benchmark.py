@@ -3,15 +3,25 @@
 from types import SimpleNamespace
 
 import numpy as np
+from box_building import building_of
 
+from benchmarks.buildings import _by_type as by_type
+from benchmarks.buildings import _case as case_of
 from benchmarks.buildings import _counts as counts
 from benchmarks.buildings import _held as held
 from benchmarks.buildings import _is_whole as is_whole
+from benchmarks.buildings import _types as types
+from benchmarks.buildings import _view as view_of
 from benchmarks.buildings import table
 from jaxmm.config import SCENARIOS
+from jaxmm.detect_files import read_judges
 from jaxmm.files import write_json
-from jaxmm.report import Mismatch
+from jaxmm.priors import prior_of_building
+from jaxmm.report import Mismatch, box_of
+from jaxmm.weights import DEFAULT
 from warp_scanner.building_pairs import MISSING
+from warp_scanner.scenes import CEILING, FLOOR, WALL
+from warp_scanner.sensors import OAK_D_PRO_SMALL
 
 ALONG = np.column_stack([np.linspace(0.05, 9.95, 100), np.zeros(100), np.ones(100)])  # points of a wall of 10 m
 
@@ -64,7 +74,30 @@ def test_views_are_counted_by_change_and_by_how_much_they_show(tmp_path):
 def test_a_file_of_an_earlier_table_is_made_again(tmp_path):
     path = tmp_path / "house_occluded_3.json"
     assert not is_whole(path)
-    write_json(path, {"views": [{"alike": []}, {"scenario": "wall_added"}]})
+    write_json(path, {"views": [{"types": []}, {"scenario": "wall_added"}]})
     assert not is_whole(path)
-    write_json(path, {"views": [{"alike": []}]})
+    write_json(path, {"views": [{"types": []}, {"refused": "why"}]})
     assert is_whole(path)
+
+
+def test_a_building_far_from_the_origin_of_its_grid_has_the_same_views():
+    shell = [((0, 0, -0.1), (5, 5, 0.1), FLOOR), ((0, 0, 3.1), (5, 5, 0.1), CEILING)]
+    shell += [((side * 5.1, 0, 1.5), (0.1, 5.2, 1.5), WALL) for side in (-1, 1)]
+    shell += [((0, side * 5.1, 1.5), (5.2, 0.1, 1.5), WALL) for side in (-1, 1)]
+    near = building_of([tuple(np.array(part, float) for part in one[:2]) + one[2:] for one in shell])
+    judges, seen = read_judges(DEFAULT), []
+    for building in (near, near._replace(origin=np.array([3e5, 5.2e6, 100.0]))):
+        prior = prior_of_building(building)
+        case = case_of(prior, ("pillar_added", "clean", 29, 1), OAK_D_PRO_SMALL)
+        seen.append(view_of(prior, judges, "pillar_added", *case))
+    assert seen[0]["found"] == 1 and seen[0]["types"][0][1]
+    assert {**seen[0], "sentences": None} == {**seen[1], "sentences": None}
+
+
+def test_types_are_told_together_by_how_probable_they_are_called():
+    lines = by_type([(0.6, True), (0.7, False), (0.99, True), (1.0, True)])
+    assert lines[2:] == ["| from 0.5 on | 2 | 0.650 | 0.500 |", "| from 0.99 on | 2 | 0.995 | 1.000 |"]
+    there = box(0, 2)._replace(type_probability=0.8)
+    wrong = there._replace(object_type="pillar", type_probability=0.6)
+    beside = box(0, 2)._replace(center=np.array([1.0, 3.0, 1.0]))
+    assert types([there, wrong, beside], box_of(box(0, 2))) == [(0.8, True), (0.6, False)]
