@@ -75,19 +75,17 @@ def test_indoors_is_what_is_on_a_floor_or_under_something():
     assert away_from(building_of(HOUSE), np.array([-7.0, 7.0, 1.0])) == pytest.approx(5.0)
 
 
-@pytest.mark.parametrize("terrain", [(), (TERRAIN,)])
-def test_a_wall_that_is_gone_is_told_from_outdoors_and_nothing_of_what_stands_around(judges, terrain):
-    prior = prior_of_building(building_of((*HOUSE, *terrain)))
+@pytest.mark.parametrize("terrain, refine", [((), True), ((TERRAIN,), False)])
+def test_a_wall_that_is_gone_is_told_from_outdoors_and_nothing_of_what_stands_around(judges, terrain, refine):
+    prior, settings = prior_of_building(building_of((*HOUSE, *terrain))), DetectSettings(refine=refine)
     whole, without = (*HOUSE, TERRAIN, *AROUND), (*HOUSE[:4], *HOUSE[5:], TERRAIN, *AROUND)
-    for refine in (False, True):
-        settings = DetectSettings(refine=refine)
-        same = detect_scans(prior, [scanned(whole)], judges, settings)
-        assert same.mismatches == () and verdicts(same)[2] == PRESENT and REMOVED not in verdicts(same)
-        assert OUTDOORS in same.scans[0].notes
-        gone = detect_scans(prior, [scanned(without)], judges, settings)
-        (one,) = gone.mismatches
-        assert one.mismatch_type == "removed" and one.element == prior.building.elements.guid[4]
-        assert verdicts(gone)[2] == REMOVED and REMOVED not in [*verdicts(gone)[:2], *verdicts(gone)[3:]]
+    same = detect_scans(prior, [scanned(whole)], judges, settings)
+    assert same.mismatches == () and verdicts(same)[2] == PRESENT and REMOVED not in verdicts(same)
+    assert OUTDOORS in same.scans[0].notes
+    gone = detect_scans(prior, [scanned(without)], judges, settings)
+    (one,) = gone.mismatches
+    assert one.mismatch_type == "removed" and one.element == prior.building.elements.guid[4]
+    assert verdicts(gone)[2] == REMOVED and REMOVED not in [*verdicts(gone)[:2], *verdicts(gone)[3:]]
 
 
 def test_a_new_wall_in_the_house_is_told_from_outdoors_too(judges):
@@ -99,7 +97,7 @@ def test_a_new_wall_in_the_house_is_told_from_outdoors_too(judges):
     assert np.abs(one.center[:2] - [0.0, 0.5]).max() < 0.15
 
 
-@pytest.mark.parametrize("off", [-0.3, -0.03, 0.0, 0.03])
+@pytest.mark.parametrize("off", [-0.3, 0.0, 0.03])
 def test_a_new_outer_wall_is_told_wherever_the_slab_ends(judges, off):
     rest = (*HOUSE[:4], *HOUSE[5:])
     prior, new = prior_of_building(building_of(rest)), ((-3.9 + off, 0.0, 1.3), (0.1, 2.7, 1.3), WALL)
