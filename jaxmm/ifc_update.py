@@ -131,7 +131,8 @@ class _Update:
             element, storey = add_object(self.draft, ground, one, name, sentence(box_of(one), one.mismatch_type))
             self._mark(
                 element, "added", one.probability,
-                ObservableFraction=_known(one.observable_fraction), MovedFrom=self._origin(one),
+                TypeProbability=_known(one.type_probability), ObservableFraction=_known(one.observable_fraction),
+                MovedFrom=self._origin(one),
             )  # fmt: skip
             set_status(self.draft, element, NEW)
             self.added[element.GlobalId] = element

@@ -168,7 +168,7 @@ def test_the_mark_of_what_is_nearly_sure_does_not_say_sure(room, tmp_path):
 def test_the_mark_tells_where_it_comes_from(room, tmp_path):
     model = ifcopenshell.open(str(room))
     wall, other = model.by_type("IfcWall")[:2]
-    moved = ADDED_WALL._replace(moved_from=0, observable_fraction=0.625)
+    moved = ADDED_WALL._replace(moved_from=0, observable_fraction=0.625, type_probability=0.75)
     summary, model = update(room, found(removed(wall), moved, elements=(verdict(other, "occluded"),)), tmp_path)
     shared = {
         "Scans": [one.file for one in SCANS],
@@ -180,7 +180,8 @@ def test_the_mark_tells_where_it_comes_from(room, tmp_path):
     assert told[wall.GlobalId] == shared | {"Verdict": "removed", "Probability": 0.93, "ObservableFraction": 0.5}
     assert told[other.GlobalId] == shared | {"Verdict": "occluded", "Probability": 0.02}
     assert told[summary.added[0]] == shared | {
-        "Verdict": "added", "Probability": 0.81, "ObservableFraction": 0.625, "MovedFrom": wall.GlobalId,
+        "Verdict": "added", "Probability": 0.81, "TypeProbability": 0.75, "ObservableFraction": 0.625,
+        "MovedFrom": wall.GlobalId,
     }  # fmt: skip
     assert status(model, other.GlobalId) is None
 
