@@ -59,28 +59,32 @@ def by_size(
         if _near(sizes, np.array(known.walls), settings) and off_grid() <= ASKEW:
             return share
         factor *= settings.end_on
-    odds = share[1:] * ([factor, 1.0] if column else [1.0, factor])
-    return np.append(share[0], odds * ((1.0 - share[0]) / odds.sum()))
+    return _with_odds(share, share[1:] * ([factor, 1.0] if column else [1.0, factor]))
+
+
+def _with_odds(share: np.ndarray, odds: np.ndarray) -> np.ndarray:
+    """The same with other odds (2,) of a pillar and a wall; whether it is real stays as it is."""
+    return np.append(share[0], odds * ((1.0 - share[0]) / max(odds.sum(), np.finfo(float).tiny)))
 
 
 def by_width(share: np.ndarray, candidate: Candidate, known: KnownBuilding, settings: SolidSettings) -> np.ndarray:
-    """The probabilities (3,) of nothing, a pillar and a wall, the second given to the third where a face is too wide.
+    """The probabilities (3,) of nothing, a pillar and a wall, moved to the last where a lone face is wide for a column.
 
-    A building of many walls, without a single column, gets none that is as wide as a piece of wall; where two sides
-    are seen, its shape tells. Of few walls, as of one room, it says nothing that there is no column yet.
+    A building of many walls, without a single column, hardly gets one that is as wide as a piece of wall; where two
+    sides are seen, its shape tells. Of few walls, as of one room, it says nothing that there is no column yet.
 
     Args:
         share: (3,) as the judge has them.
         candidate: of which it has.
         known: its walls and columns.
-        settings: how wide columns are at most, and how many walls are many.
+        settings: how wide columns are, how seldom wider, and how many walls are many.
     """
     own, first = known.own, candidate.first
     if own is None or len(own.is_wall) < settings.many_walls or not own.is_wall.all():
         return share
     if first.face is None or candidate.crossing is not None or first.face.length <= settings.widest_column:
         return share
-    return np.array([share[0], 0.0, share[1] + share[2]])
+    return _with_odds(share, share[1:] / [settings.seldom_wider, 1.0])
 
 
 def _likelier(sizes: tuple[tuple, ...], sides: int, settings: SolidSettings) -> float:

@@ -23,6 +23,7 @@ class SolidSettings(CandidateSettings):
     end_on: float = 100.0  # how many times seldomer a wall shows its end alone than a column looks like that
     many_walls: int = 16  # from so many on, a building without any column seems to have none
     widest_column: float = 0.95  # of a lone face, in such a building
+    seldom_wider: float = 100.0  # how many times seldomer it gets wider ones than the rooms that the judge learnt from
     least_width: float = 0.15  # of a lone face that goes on unseen; less tells nothing of its shape
 
 

@@ -6,7 +6,7 @@ from known_rooms import judged, pillar, says, wall
 
 from jaxmm.building_own import OwnElements
 from jaxmm.object_ends import as_all_rays_show
-from jaxmm.object_familiar import by_size
+from jaxmm.object_familiar import by_size, by_width
 from jaxmm.object_solids import solid_of
 from jaxmm.object_walls import KnownBuilding
 from jaxmm.objects import ObjectSettings, examine, find_objects
@@ -24,6 +24,11 @@ def moved(seen, share, known, off_grid=0.0):
     one = as_all_rays_show(sight, looks, candidates[0], settings.tolerance)
     pillar_like = solid_of(sight, one, False, settings, known)
     return by_size(np.array(share), one, pillar_like, known, settings, lambda: off_grid)
+
+
+def elements(walls, columns=0):
+    row = np.ones(walls + columns)
+    return OwnElements(np.arange(len(row)) < walls, row > 1, np.zeros((len(row), 2)), 0 * row, row)
 
 
 def told(seen, known, judge=UNSURE):
@@ -123,9 +128,7 @@ def test_a_wide_face_alone_is_no_columns_where_a_building_has_walls_alone(yaw):
     sure = says(0.02, 0.95, 0.03)
 
     def told_of(width, columns=0, walls=16):
-        row = np.ones(walls + columns)
-        own = OwnElements(np.arange(len(row)) < walls, row > 1, np.zeros((len(row), 2)), 0 * row, row)
-        return told(judged(pillar(2.5, 0.0, width, yaw)), KnownBuilding(own=own), sure)
+        return told(judged(pillar(2.5, 0.0, width, yaw)), KnownBuilding(own=elements(walls, columns)), sure)
 
     assert told_of(1.1).object_type == "wall" and told_of(1.1).probability == told_of(1.1, 1).probability
     for other in (told_of(0.9), told_of(1.1, columns=1), told_of(1.1, walls=15)):
@@ -135,6 +138,14 @@ def test_a_wide_face_alone_is_no_columns_where_a_building_has_walls_alone(yaw):
 
 
 def test_two_wide_faces_are_a_columns_in_any_building():
-    own = OwnElements(np.ones(16, bool), np.zeros(16, bool), np.zeros((16, 2)), np.zeros(16), np.ones(16))
     seen = judged(pillar(3.0, 0.0, 1.1, 40.0))
-    assert told(seen, KnownBuilding(own=own), says(0.02, 0.95, 0.03)).object_type == "pillar"
+    assert told(seen, KnownBuilding(own=elements(16)), says(0.02, 0.95, 0.03)).object_type == "pillar"
+
+
+@pytest.mark.parametrize("share", [(0.2, 0.4, 0.4), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+def test_a_wide_face_moves_the_odds_of_its_type_and_not_whether_it_is_real(share):
+    settings = ObjectSettings()
+    _, _, candidates, _ = examine(judged(pillar(2.5, 0.0, 1.1)), settings)
+    nothing, column, wall = by_width(np.array(share), candidates[0], KnownBuilding(own=elements(16)), settings)
+    assert nothing == share[0] and nothing + column + wall == pytest.approx(1.0)
+    assert column * share[2] * settings.seldom_wider == pytest.approx(wall * share[1])
