@@ -9,8 +9,8 @@ from typing import Any
 from jaxmm.figures import UNDATED
 from jaxmm.plan_figure import draw_plan
 from jaxmm.report import Detection
-from jaxmm.report_text import kind_in_words, metres, number, percent, pose_in_words, printable, sizes
-from jaxmm.verdict_words import ASSUMED_WORDS, VERDICT_WORDS
+from jaxmm.report_text import kind_in_words, metres, number, percent, pose_in_words, printable, sizes, words_of_table
+from jaxmm.verdict_words import VERDICT_WORDS
 from jaxmm.verdicts import OCCLUDED, REMOVED
 
 DPI = 72  # of the plan: about the width of a notebook
@@ -58,7 +58,8 @@ def _mismatches(detection: Detection) -> str:
             index, one.mismatch_type, kind_in_words(one), metres(one.center), sizes(one),
             number(one.rotation, 1), percent(one.probability), percent(one.observable_fraction), one.element or moved,
         ))  # fmt: skip
-    return f"{_table(columns, rows)}<p>{_text(ASSUMED_WORDS)}</p>" if rows else ""
+    words = " ".join(words_of_table(detection.mismatches))
+    return f"{_table(columns, rows)}<p>{_text(words)}</p>" if rows else ""
 
 
 def _verdicts(detection: Detection) -> str:

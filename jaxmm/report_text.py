@@ -17,6 +17,7 @@ from jaxmm.verdict_words import (
     ASSUMED,
     ASSUMED_WORDS,
     OBSERVABLE_WORDS,
+    OTHER_TYPE_WORDS,
     PROBABILITY_OF_MISMATCH,
     PROBABILITY_WORDS,
     SURE_OF_TYPE,
@@ -87,6 +88,12 @@ def other_type(mismatch: Mismatch) -> tuple[str, float] | None:
     if mismatch.type_probability is None or mismatch.type_probability >= SURE_OF_TYPE:
         return None
     return "pillar" if mismatch.object_type == "wall" else "wall", 1.0 - mismatch.type_probability
+
+
+def words_of_table(mismatches: Sequence[Mismatch]) -> list[str]:
+    """What the signs in a table of mismatches mean, a sentence each."""
+    either = any(other_type(one) is not None for one in mismatches)
+    return [ASSUMED_WORDS, *([OTHER_TYPE_WORDS] if either else [])]
 
 
 def told_size(value: float, seen: bool) -> str:
@@ -162,7 +169,7 @@ def _sentences(detection: Detection) -> list[str]:
     return [f"{index}. {line}" for index, line in enumerate(detection.sentences, 1)]
 
 
-def _mismatches(mismatches: Iterable[Mismatch]) -> list[str]:
+def _mismatches(mismatches: Sequence[Mismatch]) -> list[str]:
     rows = []
     for index, one in enumerate(mismatches, 1):
         moved = GAP if one.moved_from is None else f"moved here from no. {one.moved_from + 1}"
@@ -177,7 +184,8 @@ def _mismatches(mismatches: Iterable[Mismatch]) -> list[str]:
         "no.", "change", "type", "centre x, y, z [m]", "size [m]", "rotation [°]", "probability", "observable share",
         "element",
     )  # fmt: skip
-    return ["## Mismatches", "", *_table(columns, rows), "", escaped(ASSUMED_WORDS)]
+    words = "  \n".join(escaped(one) for one in words_of_table(mismatches))
+    return ["## Mismatches", "", *_table(columns, rows), "", words]
 
 
 def _elements(elements: tuple[ElementVerdict, ...]) -> list[str]:

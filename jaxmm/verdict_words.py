@@ -31,6 +31,7 @@ ROBOT_EVIDENCE_WORDS: dict[str, str] = {
 PROBABILITY_OF_MISMATCH = "The probability of a mismatch is that it is real."
 PROBABILITY_WORDS = f"{PROBABILITY_OF_MISMATCH} That of an element is that it was removed, whatever its verdict."
 SURE_OF_TYPE = 0.95  # probability of its type, below which an object is told to be of the other one, perhaps
+OTHER_TYPE_WORDS = "A second type, and its probability: what is seen of the object leaves open which of both it is."
 ASSUMED = "~"
 ASSUMED_WORDS = f"{ASSUMED} before a size: not seen from end to end, but assumed."
 OBSERVABLE_WORDS = (

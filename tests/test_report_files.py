@@ -28,7 +28,14 @@ from jaxmm.report_files import (
 )
 from jaxmm.report_text import as_markdown, escaped, percent, printable
 from jaxmm.topics import topics_of
-from jaxmm.verdict_words import ASSUMED_WORDS, EVIDENCE_WORDS, OBSERVABLE_WORDS, ROBOT_EVIDENCE_WORDS, VERDICT_WORDS
+from jaxmm.verdict_words import (
+    ASSUMED_WORDS,
+    EVIDENCE_WORDS,
+    OBSERVABLE_WORDS,
+    OTHER_TYPE_WORDS,
+    ROBOT_EVIDENCE_WORDS,
+    VERDICT_WORDS,
+)
 from jaxmm.verdicts import VERDICTS
 
 GRID = np.array([192_340.125, 444_123.375, 12.5])  # [m] a place on a national grid
@@ -356,6 +363,7 @@ def test_what_may_be_of_the_other_type_says_so_in_every_report(added):
     assert rows_of(mismatches_csv([one]))[0]["type_probability"] == "0.78"
     assert to_json(told)["mismatches"][0]["type_probability"] == 0.78
     assert "| wall, or pillar (22 %) |" in as_markdown(told) and "wall, or pillar (22 %)" in detection_html(told)
+    assert OTHER_TYPE_WORDS in as_markdown(told) and OTHER_TYPE_WORDS in detection_html(told)
     (topic,) = topics_of(told, "house")
     assert "The probability that it is a pillar instead is 0.220." in topic.description
 
@@ -365,5 +373,6 @@ def test_a_type_that_is_sure_or_was_never_asked_for_stands_alone(added, sure):
     one = added.mismatches[0]._replace(object_type="pillar", shape="round", type_probability=sure)
     told = added._replace(mismatches=(one,))
     assert "| round pillar |" in as_markdown(told) and ", or wall" not in detection_html(told)
+    assert OTHER_TYPE_WORDS not in as_markdown(told) + detection_html(told)
     assert "instead" not in topics_of(told, "house")[0].description
     assert rows_of(mismatches_csv([one]))[0]["type_probability"] == ("" if sure is None else str(sure))
