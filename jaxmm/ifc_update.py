@@ -21,12 +21,14 @@ from jaxmm.report import Detection, ElementVerdict, Mismatch, box_of, told_proba
 from jaxmm.verdicts import OCCLUDED, REMOVED
 from warp_scanner.ifc_model import import_ifcopenshell
 
+STANDS = 0.2  # share of the rays that tell of a removed element, that end on it: from here on a part of it may stand
+
 
 class UpdateSummary(NamedTuple):
     """What was written; GlobalIds."""
 
     path: Path  # the updated file
-    removed: tuple[str, ...]  # elements of removed mismatches: marked, or deleted
+    removed: tuple[str, ...]  # elements of removed mismatches: marked, or deleted; the notes name what was not
     occluded: tuple[str, ...]  # elements marked as occluded
     added: tuple[str, ...]  # new elements, in the order of the mismatches
     notes: tuple[str, ...]  # what could not be done, or must be known, a sentence each
@@ -41,8 +43,8 @@ def write_update(
         prior: the IFC file that the detection was run on.
         detection: what was found.
         out: the folder; made where it is missing.
-        apply: delete removed elements instead of marking them. Doors, windows and coverings that hung on them stay,
-            are marked, and named in the notes.
+        apply: delete removed elements instead of marking them, unless a part of them may stand. Doors, windows and
+            coverings that hung on them stay, are marked, and named in the notes.
         when: the date that is written, UTC where it names no zone; None for now. With it, the same input gives the
             same bytes.
 
@@ -85,6 +87,7 @@ class _Update:
     def __init__(self, draft: Draft, detection: Detection):
         self.draft, self.detection = draft, detection
         self.removed: dict[str, Any] = {}
+        self.kept: set[str] = set()  # of those, what is never deleted
         self.occluded: dict[str, Any] = {}
         self.added: dict[str, Any] = {}
         self.notes: list[str] = []
@@ -95,7 +98,7 @@ class _Update:
     def mark_removed(self, apply: bool) -> None:
         """Our set on every element that a mismatch or a verdict calls removed; Status for those of a mismatch.
 
-        Nothing is marked that is going to be deleted.
+        Nothing is marked that is going to be deleted; what stands in part is marked and never deleted.
         """
         for number, one in enumerate(self.detection.mismatches, 1):
             if one.mismatch_type != "removed":
@@ -104,7 +107,13 @@ class _Update:
             if element is None or one.element in self.removed:
                 continue
             self.removed[one.element] = element
-            if not apply:
+            if apply and (stands := self._standing(one.element)) >= STANDS:
+                self.kept.add(one.element)
+                what = f"{element.is_a()} {one.element} ({element.Name or 'without a name'})"
+                self.notes.append(
+                    f"{what} was marked, not deleted: {stands:.0%} of its rays end on it, a part may stand"
+                )
+            if one.element in self.kept or not apply:
                 self._mark(element, REMOVED, one.probability, ObservableFraction=_known(one.observable_fraction))
                 set_status(self.draft, element, DEMOLISH)
         for one in self.detection.elements:
@@ -145,7 +154,7 @@ class _Update:
 
     def delete_removed(self) -> None:
         """Delete the elements of removed mismatches; what hangs on them is marked and stays."""
-        going = list(self.removed.values())
+        going = [element for guid, element in self.removed.items() if guid not in self.kept]
         for element in hanging_on(going):
             guid = element.GlobalId
             what = (
@@ -158,6 +167,11 @@ class _Update:
                 what += " and marked"
             self.notes.append(what)
         delete(self.draft, going)
+
+    def _standing(self, guid: str) -> float:
+        """Share of the rays through an element, or onto it, that end on it; 0 where nobody told."""
+        through, support = self._verdicts[guid].rays[:2] if guid in self._verdicts else (0, 0)
+        return support / max(through + support, 1)
 
     def _mark_verdict(self, one: ElementVerdict) -> bool:
         element = self._find(one.guid, f"an element called {one.verdict}")

@@ -321,3 +321,17 @@ def test_the_same_input_gives_the_same_bytes(room, tmp_path):
     write_update(room, found(removed(wall), ADDED_WALL), tmp_path / "naive", when=WHEN.replace(tzinfo=None))
     digests.add(hashlib.sha256((tmp_path / "naive" / "updated.ifc").read_bytes()).hexdigest())
     assert len(digests) == 1
+
+
+def test_what_may_stand_in_part_is_marked_and_never_deleted(room, tmp_path):
+    """Of one wall a fifth of the rays still end on it, of the other fewer."""
+    short, gone = ifcopenshell.open(str(room)).by_type("IfcWall")[:2]
+    told = [
+        verdict(wall, "removed")._replace(rays=rays) for wall, rays in ((short, (80, 20, 0, 0)), (gone, (81, 19, 0, 0)))
+    ]
+    summary, model = update(room, found(removed(short), removed(gone), elements=tuple(told)), tmp_path, apply=True)
+    left = {one.GlobalId for one in model.by_type("IfcWall")}
+    assert short.GlobalId in left and gone.GlobalId not in left
+    assert own_set(model, short.GlobalId)["Verdict"] == "removed" and status(model, short.GlobalId) == ["DEMOLISH"]
+    (note,) = [one for one in summary.notes if short.GlobalId in one]
+    assert "marked, not deleted: 20% of its rays end on it" in note
