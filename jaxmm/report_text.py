@@ -85,7 +85,7 @@ def kind_in_words(mismatch: Mismatch) -> str:
 
 def other_type(mismatch: Mismatch) -> tuple[str, float] | None:
     """The other type, and the probability that a real object is of it; None where nobody asked, or it is improbable."""
-    if mismatch.type_probability is None or mismatch.type_probability >= SURE_OF_TYPE:
+    if mismatch.type_probability is None or not mismatch.type_probability < SURE_OF_TYPE:  # NaN tells nothing either
         return None
     return "pillar" if mismatch.object_type == "wall" else "wall", 1.0 - mismatch.type_probability
 

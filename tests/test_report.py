@@ -129,7 +129,7 @@ def test_every_detection_gives_a_valid_report():
 
 def test_what_is_nearly_sure_is_not_told_as_sure():
     for sure, told in SURE_AND_TOLD:
-        detection = random_detection(3)
+        detection = random_detection(2)
         detection = detection._replace(
             mismatches=tuple(one._replace(probability=sure, moved_from=None) for one in detection.mismatches),
             elements=tuple(one._replace(probability=sure) for one in detection.elements),
