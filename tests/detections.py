@@ -1,5 +1,7 @@
 """A generated room with its IFC file, its scan, and a detection whose every answer is the simulator's own."""
 
+import csv
+import io
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +18,13 @@ from warp_scanner.points import points_of
 from warp_scanner.poses import rotation_of
 from warp_scanner.scenes import PILLAR, WALL
 from warp_scanner.voxels import thin_clouds
+
+HOSTILE = (
+    "=HYPERLINK(1)", "+1", "-1", "@SUM(A1)", "\t=1", 'a "quoted", name', "two\r\nlines", "a|b | c", "`code`",
+    "**bold**", "_under_", "snake_case", "<img src=x onerror=alert(1)>", "[link](http://x)", "# heading", "- item",
+    "1. item", "2) x", "&amp;", "$x$", "\\", "~~gone~~", "Stütze Ø 30", "柱", "![i](x)", "<!-- -->", "</table>", "---",
+    "1.5 m", "a\\|b",
+)  # fmt: skip
 
 
 class Case(NamedTuple):
@@ -102,3 +111,12 @@ def _elements(pairs, building: Building, mismatches, drawing: Drawing, pose) -> 
             pose if verdict == OCCLUDED else None,
         ))  # fmt: skip
     return tuple(verdicts)
+
+
+def named(names):
+    """Occluded elements of some names, which a report lists in full."""
+    return tuple(ElementVerdict(name, name, name, name, "occluded", 0.02, 3, (1, 2, 3, 4)) for name in names)
+
+
+def rows_of(text):
+    return list(csv.DictReader(io.StringIO(text, newline=""), strict=True))
