@@ -8,10 +8,10 @@ belongs, that the model lacks. A view of a change with an observable fraction of
 element is called removed, or exactly that object is found; of a change that shows less, finding nothing is right as
 well, but nothing that is gone may be called present. Most of a missing wall is out of view, so boxes of its type have
 to hold half of the rays that show it, and none may be on anything else. Views in which something of another kind would
-look the same, see `lookalikes`, are told apart from the others. Of boxes that are right but perhaps for the type it
-tells how often the type is right, by how probable the report calls it. What is there is not made again. Prints
-Markdown, and how long a scan of 1280 x 800 takes: from loaded arrays to the report, warm; and the whole command `jaxmm
-detect`, with empty caches, as on a new machine, and again with those that the first left.
+look the same, see `lookalikes`, are told apart from the others. Of all boxes that touch an added object it tells how
+often their type is right, by how probable the report calls it. What is there is not made again. Prints Markdown, and
+how long a scan of 1280 x 800 takes: from loaded arrays to the report, warm; and the whole command `jaxmm detect`, with
+empty caches, as on a new machine, and again with those that the first left.
 """
 
 import argparse
@@ -137,7 +137,7 @@ def _view(prior: Prior, judges: Judges, scenario: str, pairs: Pairs, scan: Posed
 
 
 def _types(found: list[Mismatch], true: Box) -> list[tuple[float, bool]]:
-    """Of what is found where the object is: how probable its type is called, and whether it is right."""
+    """Of boxes that may touch the true one: how probable their type is called, and whether it is right."""
 
     def touches(one: Mismatch) -> bool:
         reach = (max(one.dimensions[:2]) + max(true.dimensions[:2])) / 2
@@ -200,28 +200,27 @@ def _command(prior: Prior, path: Path, scan: PosedScan) -> dict[str, float]:
 
 def table(out: Path, condition: str, seed: int) -> str:
     """All files, as Markdown: what was taken out or put in, and what the model lacks."""
-    lines = []
+    lines, files = [], {path.stem: load_json(path) for path in sorted(out.glob(_kept(out, "*", condition, seed).name))}
     for changes in (SCENARIOS, MISSING):
         timed = changes is SCENARIOS
         seconds = ("reading [s]", "detection warm [s]", "command, caches empty [s]", "command again [s]")
         names = ["file", "views", "refused", "shown well", "of those right", "without look-alikes", "of those right",
                  "shown less", "of those right", "false mismatches", *(seconds if timed else ())]  # fmt: skip
         lines += [f"| {' | '.join(names)} |", f"|{' --- |' * len(names)}"]
-        for path in sorted(out.glob(_kept(out, "*", condition, seed).name)):
-            told = load_json(path)
-            cells = [path.stem.removesuffix(f"_{condition}_{seed}"), *_counts(told["views"], changes)]
+        for stem, told in files.items():
+            cells = [stem.removesuffix(f"_{condition}_{seed}"), *_counts(told["views"], changes)]
             if timed:
                 taken = [told["seconds"].get(name, float("nan")) for name in ("warm", "command, cold", "command")]
                 cells += [f"{told['loading']:.1f}", f"{taken[0]:.2f}", *(f"{one:.1f}" for one in taken[1:])]
             lines.append(f"| {' | '.join(str(cell) for cell in cells)} |")
         lines.append("")
-    every = [load_json(path)["views"] for path in sorted(out.glob(_kept(out, "*", condition, seed).name))]
-    return "\n".join([*lines, *_by_type([one for views in every for view in views for one in view.get("types", [])])])
+    types = [one for told in files.values() for view in told["views"] for one in view.get("types", [])]
+    return "\n".join([*lines, *_by_type(types)])
 
 
 def _by_type(types: list[tuple[float, bool]]) -> list[str]:
     """How often types are right, by how probable they are called."""
-    lines = ["| type called probable | objects | on average | right |", "| --- | --- | --- | --- |"]
+    lines = ["| type called probable | boxes | on average | right |", "| --- | --- | --- | --- |"]
     for least, most in itertools.pairwise((*SURE, np.inf)):
         called = np.array([one for one in types if least <= one[0] < most], float).reshape(-1, 2)
         if len(called):
