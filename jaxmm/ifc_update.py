@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jaxmm.boxes import sentence
+from jaxmm.evidence import SUPPORT, THROUGH
 from jaxmm.ifc_draft import Draft
 from jaxmm.ifc_marks import DEMOLISH, NEW, mark, set_status
 from jaxmm.ifc_objects import add_object, contain, flaw_of, ground_of
@@ -109,10 +110,8 @@ class _Update:
             self.removed[one.element] = element
             if apply and (stands := self._standing(one.element)) >= STANDS:
                 self.kept.add(one.element)
-                what = f"{element.is_a()} {one.element} ({element.Name or 'without a name'})"
-                self.notes.append(
-                    f"{what} was marked, not deleted: {stands:.0%} of its rays end on it, a part may stand"
-                )
+                what = f"{_named(element)} was marked, not deleted"
+                self.notes.append(f"{what}: {stands:.0%} of its rays end on it, a part may stand")
             if one.element in self.kept or not apply:
                 self._mark(element, REMOVED, one.probability, ObservableFraction=_known(one.observable_fraction))
                 set_status(self.draft, element, DEMOLISH)
@@ -157,9 +156,7 @@ class _Update:
         going = [element for guid, element in self.removed.items() if guid not in self.kept]
         for element in hanging_on(going):
             guid = element.GlobalId
-            what = (
-                f"{element.is_a()} {guid} ({element.Name or 'without a name'}) hung on a deleted element; it was kept"
-            )
+            what = f"{_named(element)} hung on a deleted element; it was kept"
             if self._times[guid] == 1:
                 verdict = self._verdicts.get(guid)
                 known = (verdict.verdict, verdict.probability) if verdict else (None, math.nan)
@@ -170,8 +167,10 @@ class _Update:
 
     def _standing(self, guid: str) -> float:
         """Share of the rays through an element, or onto it, that end on it; 0 where nobody told."""
-        through, support = self._verdicts[guid].rays[:2] if guid in self._verdicts else (0, 0)
-        return support / max(through + support, 1)
+        if guid not in self._verdicts:
+            return 0.0
+        rays = self._verdicts[guid].rays
+        return rays[SUPPORT] / max(rays[THROUGH] + rays[SUPPORT], 1)
 
     def _mark_verdict(self, one: ElementVerdict) -> bool:
         element = self._find(one.guid, f"an element called {one.verdict}")
@@ -207,6 +206,10 @@ class _Update:
     def _origin(self, one: Mismatch) -> str | None:
         """GlobalId of the element that an added one seems to have been."""
         return None if one.moved_from is None else self.detection.mismatches[one.moved_from].element
+
+
+def _named(element: Any) -> str:
+    return f"{element.is_a()} {element.GlobalId} ({element.Name or 'without a name'})"
 
 
 def _known(value: float | None) -> float | None:
