@@ -1,4 +1,5 @@
-"""What several test files share: the folder of real data, and one whole run of the main job at its smallest.
+"""What several test files share: the folder of real data, and one whole run of the main job at its smallest,
+and detections that say what is true.
 
 And how files are shared out to two processes, so that both are done at about the same time.
 """
@@ -145,3 +146,19 @@ def refused(said):
             assert str(word) in lines[0], lines[0]
 
     return check
+
+
+@pytest.fixture(scope="session")
+def removed(tmp_path_factory):
+    """A pillar and a wall are gone: what is true of a room, as a detection."""
+    from detections import true_case
+
+    return true_case(tmp_path_factory.mktemp("removed")).detection
+
+
+@pytest.fixture(scope="session")
+def added(tmp_path_factory):
+    """A pillar is new."""
+    from detections import true_case
+
+    return true_case(tmp_path_factory.mktemp("added"), "pillar_added").detection

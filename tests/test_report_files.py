@@ -5,7 +5,7 @@ import struct
 import numpy as np
 import pytest
 import trimesh
-from detections import HOSTILE, named, rows_of, true_case
+from detections import HOSTILE, named, rows_of
 from test_report import random_detection
 
 from jaxmm.evidence import SUPPORT
@@ -22,17 +22,6 @@ from jaxmm.report_files import (
 )
 
 GRID = np.array([192_340.125, 444_123.375, 12.5])  # [m] a place on a national grid
-
-
-@pytest.fixture(scope="module")
-def removed(tmp_path_factory):
-    """A pillar and a wall are gone."""
-    return true_case(tmp_path_factory.mktemp("removed")).detection
-
-
-@pytest.fixture(scope="module")
-def added(tmp_path_factory):
-    return true_case(tmp_path_factory.mktemp("added"), "pillar_added").detection
 
 
 def moved_to_grid(detection):

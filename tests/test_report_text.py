@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from detections import HOSTILE, named, rows_of, true_case
+from detections import HOSTILE, named, rows_of
 from test_report import random_detection
 
 from jaxmm.notebook import detection_html
@@ -40,17 +40,6 @@ class Page(HTMLParser):
 
     def handle_data(self, data):
         self.texts[-1] += data
-
-
-@pytest.fixture(scope="module")
-def removed(tmp_path_factory):
-    """A pillar and a wall are gone."""
-    return true_case(tmp_path_factory.mktemp("removed")).detection
-
-
-@pytest.fixture(scope="module")
-def added(tmp_path_factory):
-    return true_case(tmp_path_factory.mktemp("added"), "pillar_added").detection
 
 
 def hostile(detection):
