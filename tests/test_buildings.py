@@ -241,6 +241,8 @@ def test_known_units_have_their_length(tmp_path, text, metres):
     [
         pytest.param("a.ifc", "hello", "expected an IFC file", id="not IFC"),
         pytest.param("a.ifc", IFC_HEAD + IFC_PROJECT.format("#2", IFC_UNIT), "cut off", id="truncated"),
+        pytest.param("a.ifc", IFC_HEAD[:30], "cut off", id="truncated in its header"),
+        pytest.param("a.ifc", IFC_HEAD + IFC_END, "names its FILE_SCHEMA, found none", id="no schema"),
         pytest.param("a.ifc", IFC_HEAD + IFC_PROJECT.format("$", "") + IFC_END, "unit of length", id="no units"),
         pytest.param(
             "a.ifc", IFC_HEAD + IFC_PROJECT.format("#2", IFC_UNIT) + IFC_END, "surfaces, found none", id="no geometry"

@@ -42,10 +42,12 @@ def check_text(path: Path) -> None:
         head = file.read(4096)
         file.seek(max(0, os.path.getsize(path) - 4096))
         tail = file.read()
-    if b"ISO-10303-21" not in head or b"FILE_SCHEMA" not in head:
+    if b"ISO-10303-21" not in head:
         raise ValueError(f"{path}: expected an IFC file (text that begins with ISO-10303-21), found something else")
     if b"END-ISO-10303-21" not in tail:
         raise ValueError(f"{path}: the file is cut off: it does not end with END-ISO-10303-21")
+    if b"FILE_SCHEMA" not in head:
+        raise ValueError(f"{path}: expected an IFC file, whose header names its FILE_SCHEMA, found none")
 
 
 def open_model(path: Path) -> tuple[Any, tuple[str, ...]]:
