@@ -12,6 +12,7 @@ that is found, and without what is found, rightly or not, where an object shows 
 
 import argparse
 import itertools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from jaxmm.detect_settings import PRESETS as HOW
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.files import load_json, write_json
+from jaxmm.hindsight import APART
 from jaxmm.judging import Judges
 from jaxmm.objects import ObjectSettings
 from jaxmm.report import Detection
@@ -32,6 +34,8 @@ from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, Verd
 from jaxmm.weights import DEFAULT
 from warp_scanner.cores import worker_pool
 from warp_scanner.pairs import PRESETS
+from warp_scanner.scan import Rays
+from warp_scanner.triangles import cast_triangles
 
 TEST_SEED = 3  # of configs/weights.toml: neither training nor any choice has seen its rooms
 SCENES = (*SCENARIOS, UNCHANGED, *MULTI_SCENARIOS)
@@ -78,20 +82,54 @@ def _room(judges: Judges, case: RoomCase, presets: list[str]) -> dict[str, Any]:
 def elements_of(found: Detection, case: RoomCase) -> list[tuple[tuple[str, str, float], str]]:
     """Truth, verdict and probability of every wall and column, with its guid.
 
-    True verdicts count rays as the simulator knows them, with the limits of VerdictSettings.
+    True verdicts count rays as the simulator knows them, with the limits of VerdictSettings: in the whole model, and of
+    what these leave open in the model without all else that is gone.
     """
-    pairs, row, limits, told = case.pairs, case.row, VerdictSettings(), []
+    pairs, row, told = case.pairs, case.row, []
     gone = set(pairs.box.element[row, pairs.box.change[row] < 0].tolist())
     said = {one.guid: one for one in found.elements}
+    remains = _reached_past(case, gone)
     for number, guid in zip(case.ids.tolist(), case.prior.building.elements.guid, strict=True):
         if guid not in said:
             continue
-        meant = pairs.dt.element[row] == number
-        tells = meant & (pairs.testable_dt[row] if number in gone else pairs.robot.element[row] == number)
-        seen = tells.sum() >= limits.least_rays and tells.sum() >= limits.least_share * meant.sum()
-        truth = (REMOVED if number in gone else PRESENT) if seen else OCCLUDED if meant.any() else UNSCANNED
+        whole = pairs.dt.element[row] == number
+        tells = pairs.testable_dt[row] if number in gone else pairs.robot.element[row] == number
+        past, tells_past = remains(number)
+        truth = REMOVED if number in gone else PRESENT
+        if not (_is_enough(whole & tells, whole) or _is_enough(past & tells_past, past)):
+            truth = OCCLUDED if whole.any() or past.any() else UNSCANNED
         told.append(((truth, said[guid].verdict, round(said[guid].probability, 6)), guid))
     return told
+
+
+def _is_enough(tells: np.ndarray, meant: np.ndarray) -> bool:
+    limits = VerdictSettings()
+    return bool(tells.sum() >= limits.least_rays and tells.sum() >= limits.least_share * meant.sum())
+
+
+def _reached_past(case: RoomCase, gone: set[int]) -> Callable[[int], tuple[np.ndarray, np.ndarray]]:
+    """Of an element: which rays meet it where nothing else stands that is gone, and which of these tell of it, (P,)."""
+    pairs, row, scan = case.pairs, case.row, case.scan
+    direction = (pairs.directions @ scan.rotation.T).astype(np.float32)
+    rays, away = Rays(scan.position[None], direction), np.isin(case.ids, sorted(gone))
+    robot = pairs.robot.distance[row]
+    whole = pairs.dt.element[row]
+
+    def cast(present: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found = cast_triangles(case.prior.scene, rays, present)
+        met = np.where(found.element[0] >= 0, case.ids[found.element[0]], -1)
+        return np.where(found.distance[0] <= scan.sensor.range_limits[1], met, -1), found.distance[0]
+
+    others = cast(~away)[0] if gone else whole
+
+    def of(number: int) -> tuple[np.ndarray, np.ndarray]:
+        if number not in gone:
+            return others == number, pairs.robot.element[row] == number
+        met, reach = cast(~away | (case.ids == number)) if len(gone) > 1 else (whole, pairs.dt.distance[row])
+        with np.errstate(invalid="ignore"):
+            return met == number, np.isfinite(robot) & (robot > reach + APART)
+
+    return of
 
 
 def table(out: Path) -> str:

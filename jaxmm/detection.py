@@ -79,21 +79,22 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
             raise InputError(f"{scan.file}: {error}") from error
         looked.append(of_building_only(prior, found) if is_out else found)
         told.append(says)
+    past_gone = looked
+    if prior.has_elements and settings.preset != "thesis":
+        asked = [SEMANTIC[name] for name in settings.classes], settings.verdicts
+        past_gone, told = compared_with_what_remains(prior, (looked, told), judges, asked)
     timing["evidence"] = time.perf_counter() - start - sum(timing.values())
     verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
     wanted = _of_classes(prior, verdicts, settings)
-    past_gone = None
-    if wanted is not None and settings.preset != "thesis":
-        past_gone = compared_with_what_remains(prior, looked, wanted, judges)
-        timing["evidence"] = time.perf_counter() - start - sum(timing.values()) + timing["evidence"]
     mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
     timing["objects"] = time.perf_counter() - start - sum(timing.values())
     elements = _elements(prior, verdicts, (placed, looked), settings) if verdicts is not None else ()
     timing["next views"] = time.perf_counter() - start - sum(timing.values())
     records = _records(prior, scans, placed, (told, settings, mismatches))
     # Drawn are the rays as the whole model has them, and what the points are held for in the end.
-    drawn = zip(looked, past_gone or looked, strict=True)
-    drawn = [one._replace(added=new.added._replace(view=one.added.view)) for one, new in drawn]
+    drawn = [
+        new._replace(added=new.added._replace(view=one.added.view)) for one, new in zip(looked, past_gone, strict=True)
+    ]
     drawing = _drawing(prior, drawn, placed)
     timing["total"] = time.perf_counter() - start
     fits = [one.registration for one in records]

@@ -108,7 +108,8 @@ def noise_of(residual: np.ndarray, cosine: np.ndarray, reach: np.ndarray) -> Noi
     """The noise of measured less expected ranges, of rays that meet what they should.
 
     What changed and what stands in front is cut off at half a metre, and medians do not heed the rest. Where their own
-    median is farther off than a pose may be, as of a wall that moved and fills the view, deviations count from there.
+    median is farther off than a pose may be, as of a wall that moved and fills the view, deviations count from there;
+    of what stayed, which may be nearly half of them, from none.
     Of noises that grow with the square of the range in part, not at all or wholly, it is the likeliest.
 
     Args:
@@ -120,7 +121,9 @@ def noise_of(residual: np.ndarray, cosine: np.ndarray, reach: np.ndarray) -> Noi
     if not near.any():
         return Noise(0.0, 0.0)
     middle = float(np.median(residual[near]))
-    off, square = np.abs(residual[near] - (middle if abs(middle) > MOST_SHIFT else 0.0)), np.square(reach[near])
+    off, square = np.abs(residual[near]), np.square(reach[near])
+    if abs(middle) > MOST_SHIFT:
+        off = np.minimum(off, np.abs(residual[near] - middle))
     best = (np.inf, Noise(0.0, 0.0))
     for part in GROWING:
         shape = (1.0 - part) + part * square / square.mean()

@@ -77,7 +77,8 @@ def mismatches_of(
         gone = _all_fitted(prior, looked, "removed", settings)
     found = sorted(gone, key=lambda one: -one.probability)
     new = _all_fitted(prior, looked, "added", settings)
-    for one in _all_fitted(prior, past_gone, "added", settings) if past_gone else ():
+    may_be_moved = past_gone is not None and any(one.object_type == "wall" for one in gone)
+    for one in _all_fitted(prior, past_gone, "added", settings) if may_be_moved else ():
         if any(_is_off_its_place(one, other) for other in gone) and not match_boxes([box_of(one)], [*map(box_of, new)]):
             new.append(one)
     found += sorted(new, key=lambda one: -one.probability)

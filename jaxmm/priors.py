@@ -119,14 +119,14 @@ def _known(building: Building) -> KnownBuilding:
     walls, columns = (
         [of_element(building, int(row)) for row in np.flatnonzero(semantic == kind)] for kind in (WALL, PILLAR)
     )
-    thickness = np.round([min(one.size[:2]) for one in walls], 2)
+    thickness = np.array([min(one.size[:2]) for one in walls], np.float64)
     rounded = [is_round(one.triangles.vertices) for one in columns]
-    sections = [(*sorted(np.round(one.size[:2], 2)), circle) for one, circle in zip(columns, rounded, strict=True)]
-    known = [(a, b, bool(circle)) for a, b, circle in _frequent(np.array(sections).reshape(-1, 3))]
+    sections = np.array([(*sorted(one.size[:2]), circle) for one, circle in zip(columns, rounded, strict=True)])
+    known = [(a, b, bool(circle)) for a, b, circle in _frequent(sections.reshape(-1, 3))]
     is_wall = (thickness > 0.03) & (thickness < 0.6)
     length = np.array([max(one.size[:2]) for one in walls])
     is_short = is_wall & (length <= SHORT) & (length >= SLENDER * thickness)
-    short = np.column_stack([thickness, np.round(length, 2)])[is_short]
+    short = np.column_stack([thickness, length])[is_short]
     uprights = uprights_of(building.triangles.vertices, building.triangles.faces)
     return KnownBuilding(
         tuple(_frequent(thickness[is_wall])), _usual(thickness[is_wall], length[is_wall]), tuple(known),
@@ -149,14 +149,20 @@ def _usual(thickness: np.ndarray, length: np.ndarray) -> float:
         return 0.0
     order = np.argsort(thickness)
     reached = np.cumsum(length[order])
-    return float(thickness[order][np.searchsorted(reached, reached[-1] / 2)])
+    return round(float(thickness[order][np.searchsorted(reached, reached[-1] / 2)]), 3)
 
 
 def _frequent(values: np.ndarray) -> list:
+    """Sizes (n,) or (n, k) [m], the most frequent first: of those that are the same to a centimetre the usual one."""
     if not len(values):
         return []
-    kinds, count = np.unique(values, axis=0, return_counts=True)
-    return kinds[np.argsort(-count, kind="stable")].tolist()
+    values = np.round(values, 3)
+    _, kind, count = np.unique(np.round(values, 2), axis=0, return_inverse=True, return_counts=True)
+    found = []
+    for one in np.argsort(-count, kind="stable"):
+        exact, often = np.unique(values[kind.ravel() == one], axis=0, return_counts=True)
+        found.append(exact[np.argmax(often)].tolist())
+    return found
 
 
 def _has_faces(path: Path) -> bool:

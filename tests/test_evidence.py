@@ -74,9 +74,10 @@ def test_a_wall_that_moved_is_no_noise_and_a_pose_that_is_a_little_off_is():
     rng = np.random.default_rng(0)
     reach, ones = rng.uniform(1.0, 5.0, 20_000), np.ones(20_000)
     errors = rng.normal(0.0, 0.01, 20_000)
-    moved = errors + np.where(rng.random(20_000) < 0.8, 0.3, 0.0)  # fills four fifths of the view
-    for shifted in (moved, -moved):
-        assert sigma_at(noise_of(shifted, ones, reach), np.array([3.0]))[0] == pytest.approx(0.01, rel=0.5)
+    for part in (0.52, 0.6, 0.8, 1.0):  # of the view, that it fills
+        moved = errors + np.where(rng.random(20_000) < part, 0.3, 0.0)
+        for shifted in (moved, -moved):
+            assert 0.005 < sigma_at(noise_of(shifted, ones, reach), np.array([3.0]))[0] < 0.02, part
     assert sigma_at(noise_of(errors + 0.06, ones, reach), np.array([3.0]))[0] > 0.05
 
 

@@ -1,0 +1,144 @@
+"""What `detect` tells of buildings of which only a part is built yet.
+
+    python -m benchmarks.progress FOLDER --out runs/progress [--views 6] [--seed 3]
+
+Every IFC file below FOLDER; in each view a half of its walls and columns does not stand, nor do the doors and windows
+in them. Scanned from free places by a camera of 320 x 200 and a spinning sensor. An element can be told where at least
+20 rays, and 3 % of those that it would stop if it stood alone, reach its place or pass it. The table says of how many
+of these the verdict is right, wrong or left open: by one look at the scan, as the whole model has it, and with those
+that follow, past what is gone. A JSON file for each file and sensor; what is there is not made again. Prints Markdown.
+"""
+
+import argparse
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.detection_scores import share_of
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import NamedScan, detect_scans, look_at
+from jaxmm.files import load_json, write_json
+from jaxmm.hindsight import APART
+from jaxmm.inputs import InputError
+from jaxmm.judging import Judges
+from jaxmm.priors import Prior, read_prior
+from jaxmm.remaining import filling
+from jaxmm.scan_rays import PosedScan, rays_of_scan
+from jaxmm.verdicts import PRESENT, REMOVED, VerdictSettings, verdicts_of
+from jaxmm.weights import DEFAULT
+from warp_scanner import draws
+from warp_scanner.building_poses import draw_positions
+from warp_scanner.cores import worker_pool
+from warp_scanner.imperfections import imperfect
+from warp_scanner.points import points_of
+from warp_scanner.poses import Standing, rotation_of
+from warp_scanner.scan import Rays
+from warp_scanner.scenes import PILLAR, WALL
+from warp_scanner.sense import rays_of
+from warp_scanner.sensors import sensor_named
+from warp_scanner.surface import incidence_of
+from warp_scanner.triangles import cast_faces, cast_triangles, face_normals
+
+SEED = 3  # of the test places
+SENSORS = ("oak-d-pro-small", "ouster-64")
+MISSING = 0.5  # share of the walls and columns that do not stand
+SAME = 1e-3  # [m] within which a ray ends on an element
+LOOKS = ("one look", "all looks")
+
+
+def main(folder: Path, out: Path, views: int, seed: int) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    paths = sorted(folder.rglob("*.ifc"))
+    tasks = [(path, sensor, views, seed, out) for path, sensor in itertools.product(paths, SENSORS)]
+    with worker_pool() as pool:
+        for line in pool.map(_part, tasks):
+            print(line, flush=True)
+    print(table(out, seed))
+
+
+def _part(task: tuple[Path, str, int, int, Path]) -> str:
+    path, sensor, views, seed, out = task
+    kept = out / f"{path.stem}_{sensor}_{seed}.json"
+    if not kept.exists():
+        prior, judges = read_prior(path), read_judges(DEFAULT)
+        write_json(kept, {"views": [_view(prior, judges, sensor, (seed, number)) for number in range(views)]})
+    return kept.stem
+
+
+def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]) -> dict[str, Any]:
+    """Of each element that can be told in one view: whether it stands, and what either look says of it."""
+    building, draw, sensor = prior.building, np.random.default_rng(which), sensor_named(sensor_name)
+    upright = np.isin(building.triangles.semantic, (WALL, PILLAR))
+    gone = upright & (draw.random(len(upright)) < MISSING)
+    gone |= filling(building, gone)
+    pose, found = draw_positions(building, prior.scene, Standing(), draws.keys(which[0], np.array([which[1]])))
+    if not found[0]:
+        return {"told": [], "new": 0}
+    rays = rays_of(sensor, pose)
+    scan, face = cast_faces(prior.scene, rays, ~gone)
+    incidence = incidence_of(face_normals(building.triangles, face), rays)
+    reach = imperfect(scan, incidence, sensor, which[0], np.array([which[1]])).distance
+    ends = points_of(pose, sensor.directions(), reach)[0, np.isfinite(reach[0])]
+    turn = rotation_of(pose.yaw, pose.pitch)[0].astype(np.float64)
+    posed = PosedScan(ends, pose.position[0].astype(np.float64), turn, sensor)
+    settings = DetectSettings(propose_views=False)
+    try:
+        told = detect_scans(prior, [NamedScan(posed, "scan", len(ends), "given")], judges, settings)
+    except InputError as error:
+        return {"refused": str(error), "told": [], "new": 0}
+    last = {one.guid: one.verdict for one in told.elements}
+    first = verdicts_of([look_at(prior, rays_of_scan(posed), judges, ["removed"])[1]])
+    rows = _can_be_told(prior, np.flatnonzero(upright), rays, reach[0])
+    return {
+        "told": [
+            (REMOVED if gone[row] else PRESENT, first[row].verdict, last[building.elements.guid[row]]) for row in rows
+        ],
+        "new": sum(one.mismatch_type == "added" for one in told.mismatches),
+    }  # fmt: skip
+
+
+def _can_be_told(prior: Prior, rows: np.ndarray, rays: Rays, reach: np.ndarray) -> list[int]:
+    """Those of the elements whose place enough rays, which come back from `reach` (P,) [m], get to."""
+    limits, found, count = VerdictSettings(), [], len(prior.scene.triangles.semantic)
+    for row in rows:
+        alone = cast_triangles(prior.scene, rays, np.arange(count) == row).distance[0]
+        meets = np.isfinite(alone)
+        with np.errstate(invalid="ignore"):
+            apart = reach - alone
+            tells = meets & np.isfinite(reach) & ((np.abs(apart) < SAME) | (apart > APART))
+        if tells.sum() >= max(limits.least_rays, limits.least_share * meets.sum()):
+            found.append(int(row))
+    return found
+
+
+def table(out: Path, seed: int) -> str:
+    """Both sensors and looks, as Markdown."""
+    lines = [
+        "| sensor | views | refused | verdicts of | elements that can be told | right | left open "
+        "| gone, called present | there, called removed | nothing new, told new |",
+        f"|{' --- |' * 10}",
+    ]
+    for sensor in SENSORS:
+        views = [one for path in sorted(out.glob(f"*_{sensor}_{seed}.json")) for one in load_json(path)["views"]]
+        refused, new = sum("refused" in one for one in views), sum(one["new"] for one in views)
+        for number, look in enumerate(LOOKS, start=1):
+            told = [(one[0], one[number]) for view in views for one in view["told"]]
+            right = sum(truth == said for truth, said in told)
+            wrong = [sum(one == pair for one in told) for pair in ((REMOVED, PRESENT), (PRESENT, REMOVED))]
+            cells = [sensor, len(views), refused, look, len(told), share_of(right, len(told))]
+            cells += [share_of(len(told) - right - sum(wrong), len(told)), *wrong, new if number == len(LOOKS) else "-"]
+            lines.append(f"| {' | '.join(map(str, cells))} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--views", type=int, default=6, metavar="N", help="of each file and sensor")
+    parser.add_argument("--seed", type=int, default=SEED, metavar="N")
+    asked = parser.parse_args()
+    main(asked.folder, asked.out, asked.views, asked.seed)
