@@ -22,7 +22,7 @@ from jaxmm.outdoors import OUTDOORS, is_outdoors, of_building_only
 from jaxmm.placement import Placed, place
 from jaxmm.priors import Prior
 from jaxmm.remaining import compared_with_what_remains
-from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, nothing_present
+from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on
 from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts import OCCLUDED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
@@ -103,7 +103,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         "residual": float(np.max([one.residual for one in placed])),
         "scans": fits,
     }
-    notes = (*prior.notes, *nothing_present(elements))
+    notes = (*prior.notes, *notes_on(elements))
     return Detection(mismatches, elements, records, registration, settings.as_json(), timing, notes, drawing)
 
 

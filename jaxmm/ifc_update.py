@@ -11,18 +11,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jaxmm.boxes import sentence
-from jaxmm.evidence import SUPPORT, THROUGH
 from jaxmm.ifc_draft import Draft
 from jaxmm.ifc_marks import DEMOLISH, NEW, mark, set_status
 from jaxmm.ifc_objects import add_object, contain, flaw_of, ground_of
 from jaxmm.ifc_removal import delete, hanging_on
 from jaxmm.ifc_undo import UPDATED, sha256, write_with_undo
 from jaxmm.inputs import InputError, one_line
-from jaxmm.report import Detection, ElementVerdict, Mismatch, box_of, told_probability
+from jaxmm.report import STANDS, Detection, ElementVerdict, Mismatch, box_of, told_probability
 from jaxmm.verdicts import OCCLUDED, REMOVED
 from warp_scanner.ifc_model import import_ifcopenshell
-
-STANDS = 0.2  # share of the rays that tell of a removed element, that end on it: from here on a part of it may stand
 
 
 class UpdateSummary(NamedTuple):
@@ -108,10 +105,11 @@ class _Update:
             if element is None or one.element in self.removed:
                 continue
             self.removed[one.element] = element
-            if apply and (stands := self._standing(one.element)) >= STANDS:
+            told = self._verdicts.get(one.element)
+            if apply and told is not None and told.standing >= STANDS:
                 self.kept.add(one.element)
                 what = f"{_named(element)} was marked, not deleted"
-                self.notes.append(f"{what}: {stands:.0%} of its rays end on it, a part may stand")
+                self.notes.append(f"{what}: {told.standing:.0%} of its rays end on it, a part may stand")
             if one.element in self.kept or not apply:
                 self._mark(element, REMOVED, one.probability, ObservableFraction=_known(one.observable_fraction))
                 set_status(self.draft, element, DEMOLISH)
@@ -164,13 +162,6 @@ class _Update:
                 what += " and marked"
             self.notes.append(what)
         delete(self.draft, going)
-
-    def _standing(self, guid: str) -> float:
-        """Share of the rays through an element, or onto it, that end on it; 0 where nobody told."""
-        if guid not in self._verdicts:
-            return 0.0
-        rays = self._verdicts[guid].rays
-        return rays[SUPPORT] / max(rays[THROUGH] + rays[SUPPORT], 1)
 
     def _mark_verdict(self, one: ElementVerdict) -> bool:
         element = self._find(one.guid, f"an element called {one.verdict}")

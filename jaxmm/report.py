@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxmm.boxes import Box, sentence
-from jaxmm.evidence import FRACTIONS
+from jaxmm.evidence import FRACTIONS, SUPPORT, THROUGH
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS
 
 Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
+STANDS = 0.2  # share of the rays that tell of a removed element, that end on it: from here on a part of it may stand
 PLURAL = {"wall": "walls", "pillar": "pillars"}
 
 
@@ -56,6 +57,11 @@ class ElementVerdict(NamedTuple):
     points: int  # of the prior's scans on it
     rays: tuple[int, int, int, int]  # of the robot in the footprints of those, in the order of evidence.FRACTIONS
     next_view: Pose | None = None  # of an occluded element: the nearest free place that would show it
+
+    @property
+    def standing(self) -> float:
+        """Share of the rays through it, or onto it, that end on it; 0 where none tells."""
+        return self.rays[SUPPORT] / max(self.rays[THROUGH] + self.rays[SUPPORT], 1)
 
 
 class ScanRecord(NamedTuple):
@@ -150,6 +156,17 @@ def nothing_present(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
         return ()
     gone = "1 is" if count[REMOVED] == 1 else f"{count[REMOVED]} are"
     return (f"{gone} told to be removed, and nothing to be present: is the scan of this building, and in this place?",)
+
+
+def notes_on(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
+    """What a reader of the verdicts must know: that none is present, and of which removed ones a part may stand."""
+    standing = (
+        f"{one.ifc_class or 'element'} {one.guid} ({one.name or 'without a name'}) is told to be removed, but "
+        f"{one.standing:.0%} of the rays that tell of it end on it: a part of it may stand"
+        for one in elements
+        if one.verdict == REMOVED and one.standing >= STANDS
+    )
+    return (*nothing_present(elements), *standing)
 
 
 def box_of(mismatch: Mismatch) -> Box:

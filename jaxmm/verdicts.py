@@ -1,6 +1,8 @@
 """Verdicts: what scans say of every element of the prior, and where they say nothing.
 
-E elements, N points of one scan of the prior. An element that nobody saw is occluded or unscanned, never a guess.
+An element counts as scanned where rays of the pattern reach it in the prior, or in what remains of it without what is
+gone (`jaxmm.remaining`). One that nobody saw is occluded or unscanned, never a guess. E elements, N points of one scan
+of the prior.
 """
 
 import dataclasses
@@ -30,7 +32,7 @@ class VerdictSettings:
 class Told(NamedTuple):
     """What one scan tells of E elements."""
 
-    scanned: np.ndarray  # (E,) bool, whether any ray of the pattern reaches it in the prior
+    scanned: np.ndarray  # (E,) bool, whether any ray of the pattern reaches it in the prior, or past what is gone
     points: np.ndarray  # (E,) int of the prior's scan on it
     rays: np.ndarray  # (E, 4) int in the footprints of those, in the order of evidence.FRACTIONS
     logit: np.ndarray  # (E,) float64 of P(removed), by this scan alone; NaN where no ray tells

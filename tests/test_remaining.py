@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from box_building import building_of
 
+from benchmarks.detections import elements_of
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.priors import prior_of_building
+from jaxmm.room_scans import room_cases
 from jaxmm.scan_rays import PosedScan
 from jaxmm.verdicts import PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
@@ -91,3 +93,20 @@ def test_only_classes_that_are_asked_for_are_looked_past(judges):
         judges, (across(2.0), ((4.0, 1.0, 1.3), (0.2, 0.2, 1.3), PILLAR)), (False, True), classes=("column",)
     )
     assert [one.verdict for one in found.elements] == [UNSCANNED]
+
+
+def test_true_verdicts_are_of_what_remains_too(judges):
+    """Rooms of which two walls are gone: what only shows past the nearer one is true to be there, or gone."""
+    more = 0
+    for case in room_cases("walls_removed", "clean", 78, range(6)):
+        found = detect_scans(
+            case.prior, [NamedScan(case.scan, "scan", 1, "given")], judges, DetectSettings(refine=False)
+        )
+        number_of = dict(zip(case.prior.building.elements.guid, case.ids.tolist(), strict=True))
+        gone = set(case.pairs.box.element[case.row, case.pairs.box.change[case.row] < 0].tolist())
+        for (truth, verdict, _), guid in elements_of(found, case):
+            assert truth not in (PRESENT, REMOVED) or (truth == REMOVED) == (number_of[guid] in gone)
+            if truth in (PRESENT, REMOVED) and not np.any(case.pairs.dt.element[case.row] == number_of[guid]):
+                more += 1
+                assert verdict == truth
+    assert more >= 3

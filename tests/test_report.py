@@ -13,7 +13,7 @@ from detections import true_case
 
 import jaxmm
 from jaxmm.evidence import FRACTIONS
-from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord, to_json
+from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord, notes_on, to_json
 from jaxmm.report_files import elements_csv, mismatches_csv
 from jaxmm.verdicts import VERDICTS
 
@@ -225,6 +225,17 @@ def test_the_summary_counts():
     )
     assert detection._replace(mismatches=(), elements=()).summary() == "no mismatch"
     assert detection.sentences[0] == "A wall has been added at [0. 0. 0.] with dimensions [1. 1. 1.]."
+
+
+def test_notes_tell_of_which_removed_elements_a_part_may_stand():
+    def element(name, verdict, through, support):
+        return ElementVerdict("guid", "IfcWall", name, "", verdict, 0.7, 50, (through, support, 9, 9))
+
+    there = element("there", "present", 0, 90)
+    assert notes_on((there, element("gone", "removed", 90, 1), element("none", "unscanned", 0, 0))) == ()
+    (line,) = notes_on((there, element("half", "removed", 60, 40), element("hidden", "occluded", 0, 9)))
+    assert line.startswith("IfcWall guid (half) is told to be removed") and "40%" in line
+    assert len(notes_on((element("half", "removed", 60, 40),))) == 2  # and nothing is present
 
 
 def test_its_text_is_one_line_without_arrays():
