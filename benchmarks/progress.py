@@ -4,9 +4,10 @@
 
 Every IFC file below FOLDER; in each view a half of its walls and columns does not stand, nor do the doors and windows
 in them. Scanned from free places by a camera of 320 x 200 and a spinning sensor. An element can be told where at least
-20 rays, and 3 % of those that it would stop if it stood alone, reach its place or pass it. The table says of how many
-of these the verdict is right, wrong or left open: by one look at the scan, as the whole model has it, and with those
-that follow, past what is gone. A JSON file for each file and sensor; what is there is not made again. Prints Markdown.
+20 rays, and 3 % of those that it would stop if it stood alone, end on it or pass its place; of one that is gone, unless
+a fifth of these end there on something else, as on a second element in the same place. The table says of how many the
+verdict is right, wrong or left open: by one look at the scan, as the whole model has it, and with those that follow,
+past what is gone. A JSON file for each file and sensor; what is there is not made again. Prints Markdown.
 """
 
 import argparse
@@ -21,13 +22,14 @@ from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans, look_at
 from jaxmm.files import load_json, write_json
+from jaxmm.hanging import without_hanging
 from jaxmm.hindsight import APART
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges
 from jaxmm.priors import Prior, read_prior
 from jaxmm.remaining import filling
 from jaxmm.scan_rays import PosedScan, rays_of_scan
-from jaxmm.verdicts import PRESENT, REMOVED, VerdictSettings, verdicts_of
+from jaxmm.verdicts import PRESENT, REMOVED, STANDS, VerdictSettings, verdicts_of
 from jaxmm.weights import DEFAULT
 from warp_scanner import draws
 from warp_scanner.building_poses import draw_positions
@@ -84,14 +86,15 @@ def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]
     ends = points_of(pose, sensor.directions(), reach)[0, np.isfinite(reach[0])]
     turn = rotation_of(pose.yaw, pose.pitch)[0].astype(np.float64)
     posed = PosedScan(ends, pose.position[0].astype(np.float64), turn, sensor)
-    settings = DetectSettings(propose_views=False)
+    settings = DetectSettings(refine=False, settle=False, propose_views=False)
     try:
         told = detect_scans(prior, [NamedScan(posed, "scan", len(ends), "given")], judges, settings)
     except InputError as error:
         return {"refused": str(error), "told": [], "new": 0}
     last = {one.guid: one.verdict for one in told.elements}
-    first = verdicts_of([look_at(prior, rays_of_scan(posed), judges, ["removed"])[1]])
-    rows = _can_be_told(prior, np.flatnonzero(upright), rays, reach[0])
+    whole = without_hanging(prior, [WALL, PILLAR])
+    first = verdicts_of([look_at(whole, rays_of_scan(posed), judges, ["removed"])[1]])
+    rows = _can_be_told(prior, (np.flatnonzero(upright), gone), rays, reach[0])
     return {
         "told": [
             (REMOVED if gone[row] else PRESENT, first[row].verdict, last[building.elements.guid[row]]) for row in rows
@@ -100,16 +103,18 @@ def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]
     }  # fmt: skip
 
 
-def _can_be_told(prior: Prior, rows: np.ndarray, rays: Rays, reach: np.ndarray) -> list[int]:
-    """Those of the elements whose place enough rays, which come back from `reach` (P,) [m], get to."""
-    limits, found, count = VerdictSettings(), [], len(prior.scene.triangles.semantic)
+def _can_be_told(prior: Prior, which: tuple[np.ndarray, np.ndarray], rays: Rays, reach: np.ndarray) -> list[int]:
+    """Those of the elements, rows (n,) and whether they are gone (E,), that enough rays with ranges (P,) [m] tell of."""
+    limits, found, (rows, gone) = VerdictSettings(), [], which
     for row in rows:
-        alone = cast_triangles(prior.scene, rays, np.arange(count) == row).distance[0]
+        alone = cast_triangles(prior.scene, rays, np.arange(len(gone)) == row).distance[0]
         meets = np.isfinite(alone)
         with np.errstate(invalid="ignore"):
-            apart = reach - alone
-            tells = meets & np.isfinite(reach) & ((np.abs(apart) < SAME) | (apart > APART))
-        if tells.sum() >= max(limits.least_rays, limits.least_share * meets.sum()):
+            apart = np.where(np.isfinite(reach), reach - alone, np.nan)
+            on_it, past = (int((meets & there).sum()) for there in (np.abs(apart) < SAME, apart > APART))
+        tells = past if gone[row] else on_it + past
+        taken = gone[row] and on_it >= STANDS * (on_it + past)
+        if not taken and tells >= max(limits.least_rays, limits.least_share * meets.sum()):
             found.append(int(row))
     return found
 

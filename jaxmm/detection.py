@@ -21,7 +21,7 @@ from jaxmm.next_view import Stage, next_views, stand_of
 from jaxmm.outdoors import OUTDOORS, is_outdoors, of_building_only
 from jaxmm.placement import Placed, place
 from jaxmm.priors import Prior
-from jaxmm.remaining import compared_with_what_remains
+from jaxmm.remaining import look_past_what_is_gone
 from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on
 from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
@@ -79,10 +79,10 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
             raise InputError(f"{scan.file}: {error}") from error
         looked.append(of_building_only(prior, found) if is_out else found)
         told.append(says)
-    past_gone = looked
+    past_gone = None
     if prior.has_elements and settings.preset != "thesis":
-        asked = [SEMANTIC[name] for name in settings.classes], settings.verdicts
-        past_gone, told = compared_with_what_remains(prior, (looked, told), judges, asked)
+        classes = [SEMANTIC[name] for name in settings.classes]
+        past_gone, told = look_past_what_is_gone(prior, looked, told, judges, classes, settings.verdicts)
     timing["evidence"] = time.perf_counter() - start - sum(timing.values())
     verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
     wanted = _of_classes(prior, verdicts, settings)
@@ -92,9 +92,8 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     timing["next views"] = time.perf_counter() - start - sum(timing.values())
     records = _records(prior, scans, placed, (told, settings, mismatches))
     # Drawn are the rays as the whole model has them, and what the points are held for in the end.
-    drawn = [
-        new._replace(added=new.added._replace(view=one.added.view)) for one, new in zip(looked, past_gone, strict=True)
-    ]
+    drawn = zip(looked, past_gone or looked, strict=True)
+    drawn = [new._replace(added=new.added._replace(view=one.added.view)) for one, new in drawn]
     drawing = _drawing(prior, drawn, placed)
     timing["total"] = time.perf_counter() - start
     fits = [one.registration for one in records]
@@ -103,7 +102,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         "residual": float(np.max([one.residual for one in placed])),
         "scans": fits,
     }
-    notes = (*prior.notes, *notes_on(elements))
+    notes = (*prior.notes, *notes_on(mismatches, elements))
     return Detection(mismatches, elements, records, registration, settings.as_json(), timing, notes, drawing)
 
 

@@ -35,6 +35,7 @@ BASE_MARGIN = 0.03  # [m] of ranges without errors
 GROWING = (0.0, 0.25, 0.5, 0.75, 1.0)  # parts of the noise that may grow with the square of the range
 EXPLAINED = 0.5  # of a point's rays must support it, or it is in need of an explanation
 MOST_SHIFT = 0.1  # [m] that ranges may be off to one side because the pose is; more is a change
+HEAPS = 6.0  # times the median deviation from the nearer of two heaps of ranges, that these are apart
 SIGMAS = 3.0  # errors of ranges that the margin covers
 LEAST_COSINE = 0.15  # beyond this incidence the margin grows no further
 MOST_MARGIN = 1.0  # [m]
@@ -123,7 +124,9 @@ def noise_of(residual: np.ndarray, cosine: np.ndarray, reach: np.ndarray) -> Noi
     middle = float(np.median(residual[near]))
     off, square = np.abs(residual[near]), np.square(reach[near])
     if abs(middle) > MOST_SHIFT:
-        off = np.minimum(off, np.abs(residual[near] - middle))
+        there = np.abs(residual[near] - middle)
+        either = np.minimum(off, there)
+        off = either if float(np.median(either)) <= abs(middle) / HEAPS else there
     best = (np.inf, Noise(0.0, 0.0))
     for part in GROWING:
         shape = (1.0 - part) + part * square / square.mean()

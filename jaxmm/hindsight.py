@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.boxes import Box, long_axis
+from jaxmm.evidence import BASE_MARGIN
 from jaxmm.scan_rays import ScanRays
 from warp_scanner.scan import Rays, cast_rays
 from warp_scanner.scenes import BOX, CYLINDER, Primitives
@@ -28,6 +29,12 @@ class Alone(NamedTuple):
     tell: int  # of those, that show that it is new, or gone
     deny: int  # of those, that show the contrary
     through: int = 0  # of these, that pass below or above what is seen of its face: a wall has openings
+    stands: int = 0  # of an element that is held for removed: rays that end right on it
+
+    @property
+    def standing(self) -> float:
+        """Share of the rays that tell of a removed element, that end right on it; 0 where none tells."""
+        return self.stands / max(self.tell + self.stands, 1)
 
 
 def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
@@ -37,7 +44,8 @@ def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
     meets = np.isfinite(reach) & (reach <= rays.limit)
     apart = rays.distance[meets] - reach[meets]
     back = np.isfinite(apart)
-    return Alone(int(meets.sum()), int((back & (apart > APART)).sum()), int((np.abs(apart) <= APART).sum()))
+    on_it, right_on_it = (int((np.abs(apart) <= off).sum()) for off in (APART, BASE_MARGIN))
+    return Alone(int(meets.sum()), int((back & (apart > APART)).sum()), on_it, stands=right_on_it)
 
 
 def of_box(box: Box, expected: np.ndarray, rays: ScanRays, face: np.ndarray | None = None) -> Alone:

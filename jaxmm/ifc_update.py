@@ -17,8 +17,8 @@ from jaxmm.ifc_objects import add_object, contain, flaw_of, ground_of
 from jaxmm.ifc_removal import delete, hanging_on
 from jaxmm.ifc_undo import UPDATED, sha256, write_with_undo
 from jaxmm.inputs import InputError, one_line
-from jaxmm.report import STANDS, Detection, ElementVerdict, Mismatch, box_of, told_probability
-from jaxmm.verdicts import OCCLUDED, REMOVED
+from jaxmm.report import Detection, ElementVerdict, Mismatch, box_of, told_probability
+from jaxmm.verdicts import OCCLUDED, REMOVED, STANDS
 from warp_scanner.ifc_model import import_ifcopenshell
 
 
@@ -105,11 +105,10 @@ class _Update:
             if element is None or one.element in self.removed:
                 continue
             self.removed[one.element] = element
-            told = self._verdicts.get(one.element)
-            if apply and told is not None and told.standing >= STANDS:
+            if apply and one.standing >= STANDS:
                 self.kept.add(one.element)
                 what = f"{_named(element)} was marked, not deleted"
-                self.notes.append(f"{what}: {told.standing:.0%} of its rays end on it, a part may stand")
+                self.notes.append(f"{what}: {one.standing:.0%} of its rays end on it, a part may stand")
             if one.element in self.kept or not apply:
                 self._mark(element, REMOVED, one.probability, ObservableFraction=_known(one.observable_fraction))
                 set_status(self.draft, element, DEMOLISH)

@@ -13,6 +13,7 @@ from jaxmm import hindsight
 from jaxmm.box_match import footprint, match_boxes
 from jaxmm.boxes import Box, fit_boxes, long_axis
 from jaxmm.detect_settings import DetectSettings
+from jaxmm.evidence import SUPPORT, THROUGH
 from jaxmm.hindsight import Alone
 from jaxmm.judging import Side
 from jaxmm.object_clues import ONTO
@@ -77,7 +78,7 @@ def mismatches_of(
         gone = _all_fitted(prior, looked, "removed", settings)
     found = sorted(gone, key=lambda one: -one.probability)
     new = _all_fitted(prior, looked, "added", settings)
-    may_be_moved = past_gone is not None and any(one.object_type == "wall" for one in gone)
+    may_be_moved = past_gone and any(one.object_type == "wall" for one in gone)
     for one in _all_fitted(prior, past_gone, "added", settings) if may_be_moved else ():
         if any(_is_off_its_place(one, other) for other in gone) and not match_boxes([box_of(one)], [*map(box_of, new)]):
             new.append(one)
@@ -105,8 +106,12 @@ def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[M
         box = box._replace(probability=verdict.probability)
         if kind == "pillar" and is_round(change.triangles.vertices):
             box = box._replace(shape="round", rotation=0.0)
+        told = verdict.rays[THROUGH] + verdict.rays[SUPPORT]
+        standing = max(verdict.rays[SUPPORT] / max(told, 1), *(one.standing for one in alone))
         found.append(
-            _mismatch(prior, box, "removed", alone)._replace(element=building.elements.guid[row], type_probability=1.0)
+            _mismatch(prior, box, "removed", alone)._replace(
+                element=building.elements.guid[row], type_probability=1.0, standing=standing
+            )
         )
     return found
 

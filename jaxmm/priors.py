@@ -119,12 +119,12 @@ def _known(building: Building) -> KnownBuilding:
     walls, columns = (
         [of_element(building, int(row)) for row in np.flatnonzero(semantic == kind)] for kind in (WALL, PILLAR)
     )
-    thickness = np.array([min(one.size[:2]) for one in walls], np.float64)
+    thickness = np.round([min(one.size[:2]) for one in walls], 3)
     rounded = [is_round(one.triangles.vertices) for one in columns]
     sections = np.array([(*sorted(one.size[:2]), circle) for one, circle in zip(columns, rounded, strict=True)])
     known = [(a, b, bool(circle)) for a, b, circle in _frequent(sections.reshape(-1, 3))]
     is_wall = (thickness > 0.03) & (thickness < 0.6)
-    length = np.array([max(one.size[:2]) for one in walls])
+    length = np.round([max(one.size[:2]) for one in walls], 3)
     is_short = is_wall & (length <= SHORT) & (length >= SLENDER * thickness)
     short = np.column_stack([thickness, length])[is_short]
     uprights = uprights_of(building.triangles.vertices, building.triangles.faces)
@@ -153,7 +153,7 @@ def _usual(thickness: np.ndarray, length: np.ndarray) -> float:
 
 
 def _frequent(values: np.ndarray) -> list:
-    """Sizes (n,) or (n, k) [m], the most frequent first: of those that are the same to a centimetre the usual one."""
+    """Sizes (n,) or (n, k) [m], the most frequent first: of those that round to the same centimetre the usual one."""
     if not len(values):
         return []
     values = np.round(values, 3)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm import hindsight
 from jaxmm.building_sighting import Sighting, sight
 from jaxmm.evidence import SUPPORT, View
 from jaxmm.hanging import FILLINGS, scene_of
@@ -16,100 +17,110 @@ from jaxmm.mismatches import KINDS, Looked
 from jaxmm.object_clues import ONTO
 from jaxmm.outdoors import indoors
 from jaxmm.priors import Prior
-from jaxmm.verdicts import REMOVED, Told, Verdict, VerdictSettings, is_seen, told_of, verdicts_of
+from jaxmm.scan_rays import ScanRays
+from jaxmm.verdicts import REMOVED, STANDS, Told, Verdict, VerdictSettings, is_seen, told_of, verdicts_of
+from warp_scanner.building_changes import of_element
 from warp_scanner.buildings import Building, element_bounds
 from warp_scanner.scan import Rays
 from warp_scanner.triangles import TriangleScene, cast_triangles, clearance
 
-FRAME = 0.1  # [m] by which a door or a window may stand out of its wall
+FRAME = 0.1  # [m] by which a door or a window may stand out of its wall, or be smaller than its opening
 
 
-class Remains(NamedTuple):
-    """A building without what is gone."""
+class Past(NamedTuple):
+    """One scan, and what it tells of elements past those that it shows to be gone."""
 
-    prior: Prior
-    fillings: TriangleScene | None  # doors and windows that are gone: of their frames one sees what walls used to hide
+    told: Told
+    removed: Side  # with points of what was hidden
+    gone: np.ndarray  # (E,) bool, with the doors and windows in them
+    seen: Sighting | None = None  # compared with what remains; None where nothing is gone
 
 
-def compared_with_what_remains(
-    prior: Prior,
-    scans: tuple[list[Looked], list[Told]],
-    judges: Judges,
-    asked: tuple[list[int], VerdictSettings],
-) -> tuple[list[Looked], list[Told]]:
-    """The scans, and what they tell of elements, with a second look past walls and columns that are gone.
+def look_past_what_is_gone(
+    prior: Prior, looked: list[Looked], told: list[Told], judges: Judges, classes: list[int], limits: VerdictSettings
+) -> tuple[list[Looked] | None, list[Told]]:
+    """The scans, and what they tell of elements, compared again without walls and columns that are gone.
 
     What stands behind a wall that is gone is beyond what its rays should have met, as old things there are; it is
     before what remains, as new things are. Points on what is called gone, as on a part of it that still stands, or a
     door that does, keep what was said of them, and so do those outside of the building, where nobody knows what is old.
-    Elements that too few rays told of are asked for again: of a wall of several layers, of which each is an element, of
-    two in one place, and of whole rooms that are not built yet, what is gone hid all but the first. What that shows to
-    be gone is taken away in turn.
+    Elements that too few rays told of, or of which what is gone hid more than it left, are asked for again: of a wall
+    of several layers, of which each is an element, of two in one place, and of whole rooms that are not built yet, all
+    but the first. What that shows to be gone is taken away in turn, of each scan what it has seen itself.
 
     Args:
         prior: a building.
-        scans: each as it was looked at, and what it tells.
+        looked: each scan.
+        told: what each tells.
         judges: the models.
-        asked: semantic classes whose elements may be gone, and when they are.
+        classes: semantic ones, whose elements may be gone.
+        limits: when they are.
 
     Returns:
-        Both, as they were where nothing is gone, or everything.
+        Both; None for the scans where nothing is gone, or everything.
     """
-    looked, told = scans
-    classes, limits = asked
-    triangles = prior.scene.triangles
-    gone = np.zeros(len(triangles.semantic), bool)
-    past, says = looked, told
+    nothing = np.zeros(len(prior.scene.triangles.semantic), bool)
+    views = [Past(says, one.removed, nothing) for one, says in zip(looked, told, strict=True)]
     while True:
-        now = gone | _gone(prior.building, verdicts_of(says, limits), classes)
-        if np.array_equal(now, gone) or now[triangles.element].all():
-            return past, says
-        gone = now
-        remains = _without(prior, gone)
-        seen = [sight(remains.prior, one.rays) for one in looked]
-        hidden = [~is_seen(one.rays, limits) & ~gone for one in says]
-        removed = [_asked_again(*each, judges) for each in zip(past, seen, hidden, strict=True)]
-        says = [
-            told_of(one.scanned | new.reached, side.view.element, side.view.count, side.probability)
-            for one, new, side in zip(says, seen, removed, strict=True)
-        ]
-        past = [
-            _judged_anew(prior, remains, one, new, judges)._replace(removed=side)
-            for one, new, side in zip(looked, seen, removed, strict=True)
-        ]
-
-
-def _without(prior: Prior, gone: np.ndarray) -> Remains:
-    triangles = prior.scene.triangles
-    is_gone = gone[triangles.element]
-    filled = is_gone & np.isin(triangles.semantic[triangles.element], FILLINGS)
-    fillings = scene_of(triangles, filled) if filled.any() else None
-    return Remains(prior._replace(scene=scene_of(triangles, ~is_gone)), fillings)
+        gone = _gone(prior.building, verdicts_of([one.told for one in views], limits), classes)
+        again = [_asked_again(prior, one, view, gone, judges, limits) for one, view in zip(looked, views, strict=True)]
+        if all(new is old for new, old in zip(again, views, strict=True)):
+            break
+        views = again
+    if all(one.seen is None for one in views):
+        return None, told
+    past = [
+        one if view.seen is None else _judged_anew(prior, one, view, judges)._replace(removed=view.removed)
+        for one, view in zip(looked, views, strict=True)
+    ]
+    return past, [one.told for one in views]
 
 
 def _gone(building: Building, verdicts: list[Verdict], classes: list[int]) -> np.ndarray:
-    """(E,) bool: walls and columns that are removed, and what fills their openings."""
+    """(E,) bool: walls and columns that are removed."""
     wanted = np.isin(building.triangles.semantic, list(KINDS)) & np.isin(building.triangles.semantic, classes)
-    gone = np.array([one.verdict == REMOVED for one in verdicts]) & wanted
-    return gone | filling(building, gone)
+    return np.array([one.verdict == REMOVED for one in verdicts]) & wanted
 
 
 def filling(building: Building, chosen: np.ndarray) -> np.ndarray:
-    """(E,) bool: doors and windows in the box of any of the chosen (E,) elements."""
-    low, high = element_bounds(building.triangles)
-    found = np.zeros(len(chosen), bool)
-    for row in np.flatnonzero(np.isin(building.triangles.semantic, FILLINGS)):
-        found[row] = np.any(chosen & np.all((low <= low[row] + FRAME) & (high >= high[row] - FRAME), axis=1))
+    """(E,) bool: doors and windows whose middle is in the box of a chosen (E,) element, and that touch it."""
+    triangles = building.triangles
+    low, high = element_bounds(triangles)
+    rows = np.flatnonzero(np.isin(triangles.semantic, FILLINGS) & np.isfinite(low).all(axis=1))
+    found, middle = np.zeros(len(chosen), bool), ((low + high) / 2)[rows].astype(np.float64)
+    for wall in np.flatnonzero(chosen):
+        box = of_element(building, int(wall))
+        along = np.array([np.cos(np.radians(box.yaw)), np.sin(np.radians(box.yaw))])
+        offset = middle - box.center
+        offset[:, :2] = offset[:, :2] @ np.array([along, [-along[1], along[0]]]).T
+        within = rows[np.all(np.abs(offset) <= box.size / 2 + FRAME, axis=1)]
+        surface = scene_of(triangles, triangles.element == wall) if len(within) else None
+        for row in within:
+            corners = triangles.vertices[np.unique(triangles.faces[triangles.element == row])]
+            found[row] |= bool(np.any(clearance(surface, corners, FRAME) < FRAME))
     return found
 
 
-def _asked_again(one: Looked, seen: Sighting, hidden: np.ndarray, judges: Judges) -> Side:
-    """The prior's side of one scan, with points of `hidden` (E,) elements as far as what remains shows them."""
-    again = hidden[seen.prior.element]
-    if not again.any():
-        return one.removed
-    new, stays = judge(judges, seen.prior, seen.frame, "removed"), ~hidden[one.removed.view.element]
-    return _joined(_some(one.removed, stays), _some(new, again))
+def _asked_again(
+    prior: Prior, one: Looked, view: Past, gone: np.ndarray, judges: Judges, limits: VerdictSettings
+) -> Past:
+    """The same view where the scan shows nothing more to be gone; else what it tells without all that."""
+    triangles = prior.scene.triangles
+    now = view.gone | (gone & is_seen(view.told.rays, limits))
+    if np.array_equal(now, view.gone):
+        return view
+    now |= filling(prior.building, now)
+    if now[triangles.element].all():
+        return view
+    seen = sight(prior._replace(scene=scene_of(triangles, ~now[triangles.element])), one.rays)
+    shown = np.bincount(seen.prior.element, minlength=len(now))
+    hidden = (~is_seen(view.told.rays, limits) | (shown > 2 * view.told.points)) & (shown > 0) & ~now
+    if not hidden.any():
+        return view._replace(gone=now, seen=seen, told=view.told._replace(scanned=view.told.scanned | seen.reached))
+    new, stays = judge(judges, seen.prior, seen.frame, "removed"), ~hidden[view.removed.view.element]
+    side = _joined(_some(view.removed, stays), _some(new, hidden[seen.prior.element]))
+    reached = view.told.scanned | seen.reached
+    return Past(told_of(reached, side.view.element, side.view.count, side.probability), side, now, seen)
 
 
 def _some(side: Side, chosen: np.ndarray) -> Side:
@@ -121,11 +132,12 @@ def _joined(one: Side, other: Side) -> Side:
     return Side(view, *(np.concatenate(both) for both in zip(one[1:], other[1:], strict=True)))
 
 
-def _judged_anew(prior: Prior, remains: Remains, one: Looked, seen: Sighting, judges: Judges) -> Looked:
+def _judged_anew(prior: Prior, one: Looked, view: Past, judges: Judges) -> Looked:
     """One scan, the robot's points past what is gone compared with what remains."""
-    rays, old = one.rays, one.added.view
+    rays, old, seen = one.rays, one.added.view, view.seen
+    stands = _standing_still(prior, view.gone, rays)
     fresh = (seen.robot.count != old.count).any(axis=1) & (old.count[:, SUPPORT] == 0)
-    fresh[fresh] = _indoors(prior, old.points[fresh], rays.position) & ~_is_on(remains.fillings, old.points[fresh])
+    fresh[fresh] = _indoors(prior, old.points[fresh], rays.position) & ~_is_on(stands, old.points[fresh])
     if not fresh.any():
         return one
     view = View(*(None if a is None else _chosen(fresh, a, b) for a, b in zip(seen.robot, old, strict=True)))
@@ -135,9 +147,18 @@ def _judged_anew(prior: Prior, remains: Remains, one: Looked, seen: Sighting, ju
     differs = np.flatnonzero((new != expected) & np.isfinite(rays.distance))
     past = differs[np.abs(rays.distance[differs] - expected[differs]) > APART]
     ends = rays.position + rays.direction[past] * rays.distance[past, None].astype(np.float64)
-    past = past[_indoors(prior, ends, rays.position) & ~_is_on(remains.fillings, ends)]
+    past = past[_indoors(prior, ends, rays.position) & ~_is_on(stands, ends)]
     expected[past] = new[past]
     return one._replace(expected=expected, added=side._replace(pillar=pillar, wall=wall))
+
+
+def _standing_still(prior: Prior, gone: np.ndarray, rays: ScanRays) -> TriangleScene | None:
+    """Of what is gone: what stands in part, and doors and windows, whose frames have sides that walls used to hide."""
+    triangles = prior.scene.triangles
+    chosen = gone & np.isin(triangles.semantic, FILLINGS)
+    for row in np.flatnonzero(gone & ~chosen):
+        chosen[row] = hindsight.of_element(prior.scene, int(row), rays).standing >= STANDS
+    return scene_of(triangles, chosen[triangles.element]) if chosen[triangles.element].any() else None
 
 
 def _indoors(prior: Prior, points: np.ndarray, sensor: np.ndarray) -> np.ndarray:

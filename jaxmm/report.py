@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxmm.boxes import Box, sentence
-from jaxmm.evidence import FRACTIONS, SUPPORT, THROUGH
-from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS
+from jaxmm.evidence import FRACTIONS
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, STANDS, UNSCANNED, VERDICTS
 
 Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
-STANDS = 0.2  # share of the rays that tell of a removed element, that end on it: from here on a part of it may stand
+MOST_NAMED = 5  # in notes on elements
 PLURAL = {"wall": "walls", "pillar": "pillars"}
 
 
@@ -43,6 +43,7 @@ class Mismatch(NamedTuple):
     measured: tuple[bool, bool, bool] = (True, True, True)  # of the dimensions: seen, or the model's, not assumed
     type_probability: float | None = None  # that it is of its type, if it is real; None where nobody asked
     told_by: tuple[int, ...] = ()  # of each scan: rays that show that it is new, or gone; not in report.json
+    standing: float = 0.0  # share of the rays that tell of a removed element, that end on it; not in report.json
 
 
 class ElementVerdict(NamedTuple):
@@ -57,11 +58,6 @@ class ElementVerdict(NamedTuple):
     points: int  # of the prior's scans on it
     rays: tuple[int, int, int, int]  # of the robot in the footprints of those, in the order of evidence.FRACTIONS
     next_view: Pose | None = None  # of an occluded element: the nearest free place that would show it
-
-    @property
-    def standing(self) -> float:
-        """Share of the rays through it, or onto it, that end on it; 0 where none tells."""
-        return self.rays[SUPPORT] / max(self.rays[THROUGH] + self.rays[SUPPORT], 1)
 
 
 class ScanRecord(NamedTuple):
@@ -158,15 +154,19 @@ def nothing_present(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
     return (f"{gone} told to be removed, and nothing to be present: is the scan of this building, and in this place?",)
 
 
-def notes_on(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
-    """What a reader of the verdicts must know: that none is present, and of which removed ones a part may stand."""
-    standing = (
-        f"{one.ifc_class or 'element'} {one.guid} ({one.name or 'without a name'}) is told to be removed, but "
-        f"{one.standing:.0%} of the rays that tell of it end on it: a part of it may stand"
-        for one in elements
-        if one.verdict == REMOVED and one.standing >= STANDS
-    )
-    return (*nothing_present(elements), *standing)
+def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
+    """What a reader must know: that no element is present, and of which removed ones a part may stand."""
+    known = {one.guid: one for one in elements}
+    found = [one for one in mismatches if one.mismatch_type == "removed" and one.standing >= STANDS]
+    lines = []
+    for one in found[:MOST_NAMED]:
+        told = known.get(one.element)
+        what = f"{told.ifc_class or 'element'} {told.name!r}" if told else "element"
+        ends = f"{one.standing:.0%} of the rays that tell of it end on it"
+        lines.append(f"{what} ({one.element}) is told to be removed, but {ends}: a part of it may stand")
+    if len(found) > MOST_NAMED:
+        lines.append(f"of {len(found) - MOST_NAMED} more removed elements a part may stand, too")
+    return (*nothing_present(elements), *lines)
 
 
 def box_of(mismatch: Mismatch) -> Box:
@@ -196,7 +196,7 @@ def _mismatch(one: Mismatch) -> dict[str, Any]:
     told = one._asdict() | {"probability": told_probability(one.probability)}
     if one.type_probability is not None:
         told["type_probability"] = told_probability(one.type_probability)
-    del told["told_by"]
+    del told["told_by"], told["standing"]
     return _plain(told)
 
 

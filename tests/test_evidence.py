@@ -79,6 +79,8 @@ def test_a_wall_that_moved_is_no_noise_and_a_pose_that_is_a_little_off_is():
         for shifted in (moved, -moved):
             assert 0.005 < sigma_at(noise_of(shifted, ones, reach), np.array([3.0]))[0] < 0.02, part
     assert sigma_at(noise_of(errors + 0.06, ones, reach), np.array([3.0]))[0] > 0.05
+    coarse = 0.11 + rng.normal(0.0, 0.1, 20_000)  # of one heap, which the expected ranges are in
+    assert sigma_at(noise_of(coarse, ones, reach), np.array([3.0]))[0] == pytest.approx(0.1, rel=0.15)
 
 
 def test_elements_pool_the_rays_of_their_points():

@@ -326,10 +326,8 @@ def test_the_same_input_gives_the_same_bytes(room, tmp_path):
 def test_what_may_stand_in_part_is_marked_and_never_deleted(room, tmp_path):
     """Of one wall a fifth of the rays still end on it, of the other fewer."""
     short, gone = ifcopenshell.open(str(room)).by_type("IfcWall")[:2]
-    told = [
-        verdict(wall, "removed")._replace(rays=rays) for wall, rays in ((short, (80, 20, 0, 0)), (gone, (81, 19, 0, 0)))
-    ]
-    summary, model = update(room, found(removed(short), removed(gone), elements=tuple(told)), tmp_path, apply=True)
+    told = removed(short)._replace(standing=0.2), removed(gone)._replace(standing=0.19)
+    summary, model = update(room, found(*told), tmp_path, apply=True)
     left = {one.GlobalId for one in model.by_type("IfcWall")}
     assert short.GlobalId in left and gone.GlobalId not in left
     assert own_set(model, short.GlobalId)["Verdict"] == "removed" and status(model, short.GlobalId) == ["DEMOLISH"]

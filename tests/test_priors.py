@@ -33,11 +33,11 @@ def test_sizes_are_the_buildings_own_however_it_is_turned():
 
 
 def test_sizes_are_known_to_the_millimetre_and_counted_by_the_centimetre():
-    """Bricks are 0.115 or 0.365 m wide: rounded to a centimetre, a new wall would be told too thin, as measured."""
+    """Bricks are 0.115 m wide: rounded to a centimetre, a new wall would be told too thick, as measured."""
     table = walls_and_columns()
-    table.half_size[0, :, 1] = np.array([0.365, 0.365, 0.363, 0.305]) / 2
+    table.half_size[0, :, 1] = np.array([0.364, 0.364, 0.362, 0.305]) / 2
     known = prior_of_building(building_of_room(table, 0)[0]).known
-    assert known.walls == (0.365,) and known.usual_wall == 0.365 and known.columns == ((0.305, 0.4, False),)
+    assert known.walls == (0.364,) and known.usual_wall == 0.364 and known.columns == ((0.305, 0.4, False),)
     table.half_size[0, :3, 1] = np.array([0.115, 0.24, 0.24]) / 2
     assert prior_of_building(building_of_room(table, 0)[0]).known.walls == (0.24, 0.115)
 

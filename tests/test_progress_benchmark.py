@@ -26,7 +26,14 @@ def test_what_the_rays_reach_or_pass_can_be_told(gone, told):
     rays = Rays(np.array([[-1.0, 0.0, 1.5]]), OAK_D_PRO_SMALL.directions())
     stands = ~np.isin(np.arange(3), gone)
     reach = cast_triangles(prior.scene, rays, stands).distance[0]
-    assert can_be_told(prior, np.arange(3), rays, reach) == told
+    assert can_be_told(prior, (np.arange(3), ~stands), rays, reach) == told
+
+
+def test_of_what_is_gone_nothing_can_be_told_where_something_else_stands():
+    prior = prior_of_building(building_of([wall(2.0), wall(2.0), wall(4.0)]))
+    rays = Rays(np.array([[-1.0, 0.0, 1.5]]), OAK_D_PRO_SMALL.directions())
+    reach = cast_triangles(prior.scene, rays, np.array([False, True, True])).distance[0]
+    assert can_be_told(prior, (np.arange(3), np.array([True, False, False])), rays, reach) == [1]
 
 
 def test_a_door_is_gone_with_its_wall():

@@ -228,14 +228,17 @@ def test_the_summary_counts():
 
 
 def test_notes_tell_of_which_removed_elements_a_part_may_stand():
-    def element(name, verdict, through, support):
-        return ElementVerdict("guid", "IfcWall", name, "", verdict, 0.7, 50, (through, support, 9, 9))
+    def gone(name, standing):
+        return Mismatch("wall", "removed", np.zeros(3), np.ones(3), 0.0, 0.7, name, standing=standing)
 
-    there = element("there", "present", 0, 90)
-    assert notes_on((there, element("gone", "removed", 90, 1), element("none", "unscanned", 0, 0))) == ()
-    (line,) = notes_on((there, element("half", "removed", 60, 40), element("hidden", "occluded", 0, 9)))
-    assert line.startswith("IfcWall guid (half) is told to be removed") and "40%" in line
-    assert len(notes_on((element("half", "removed", 60, 40),))) == 2  # and nothing is present
+    there = ElementVerdict("there", "IfcWall", "north", "", "present", 0.01, 50, (0, 90, 9, 9))
+    half = ElementVerdict("half", "IfcWall", "a\n\x1b[31mb", "", "removed", 0.7, 50, (60, 40, 9, 9))
+    assert notes_on((gone("whole", 0.19),), (there,)) == ()
+    (line,) = notes_on((gone("whole", 0.0), gone("half", 0.4)), (there, half))
+    assert line.startswith("IfcWall 'a\\n") and line.isprintable() and "(half)" in line and "40%" in line
+    assert len(notes_on((gone("half", 0.4),), (half,))) == 2  # and nothing is present
+    many = notes_on(tuple(gone(str(number), 0.5) for number in range(80)), (there,))
+    assert len(many) == 6 and "75 more" in many[-1]
 
 
 def test_its_text_is_one_line_without_arrays():
