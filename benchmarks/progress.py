@@ -104,7 +104,7 @@ def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]
 
 
 def _can_be_told(prior: Prior, which: tuple[np.ndarray, np.ndarray], rays: Rays, reach: np.ndarray) -> list[int]:
-    """Those of the elements, rows (n,) and whether they are gone (E,), that enough rays with ranges (P,) [m] tell of."""
+    """Those of the elements, rows (n,) and whether gone (E,), that enough rays with ranges `reach` (P,) [m] tell of."""
     limits, found, (rows, gone) = VerdictSettings(), [], which
     for row in rows:
         alone = cast_triangles(prior.scene, rays, np.arange(len(gone)) == row).distance[0]

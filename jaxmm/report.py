@@ -109,7 +109,7 @@ class Detection(NamedTuple):
     registration: dict[str, Any]
     settings: dict[str, Any]
     timing: dict[str, float]  # [s] by stage
-    notes: tuple[str, ...]  # what a user must know of how files were read, a line each
+    notes: tuple[str, ...]  # what a user must know of how files were read and of what was found, a line each
     drawing: Drawing
     prior: PriorFile | None = None  # None where the prior came as arrays
 
