@@ -140,8 +140,8 @@ def _judged_anew(prior: Prior, one: Looked, view: Past, judges: Judges) -> Looke
     fresh[fresh] = _indoors(prior, old.points[fresh], rays.position) & ~_is_on(stands, old.points[fresh])
     if not fresh.any():
         return one
-    view = View(*(None if a is None else _chosen(fresh, a, b) for a, b in zip(seen.robot, old, strict=True)))
-    side = judge(judges, view, seen.frame, "added")
+    mixed = View(*(None if a is None else _chosen(fresh, a, b) for a, b in zip(seen.robot, old, strict=True)))
+    side = judge(judges, mixed, seen.frame, "added")
     pillar, wall = (_chosen(fresh, a, b) for a, b in zip(side[1:], one.added[1:], strict=True))
     expected, new = one.expected.copy(), seen.expected.distance
     differs = np.flatnonzero((new != expected) & np.isfinite(rays.distance))
