@@ -1,5 +1,7 @@
 """What scans tell of elements that only stand behind what is gone."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from box_building import building_of
@@ -19,6 +21,7 @@ from warp_scanner.scenes import CEILING, DOOR, FLOOR, PILLAR, TABLE, WALL
 from warp_scanner.sensors import OAK_D_PRO_SMALL
 from warp_scanner.triangles import cast_triangles, prepare
 
+SENSOR = dataclasses.replace(OAK_D_PRO_SMALL, width=160, height=100)
 PLACE = np.array([-3.0, 0.2, 1.5])  # it looks along x
 SHELL = (
     ((0, 0, -0.1), (8, 4, 0.1), FLOOR), ((0, 0, 2.7), (8, 4, 0.1), CEILING),
@@ -38,29 +41,28 @@ def judges():
 
 
 def scanned(boxes, place=PLACE):
-    direction = OAK_D_PRO_SMALL.directions()
+    direction = SENSOR.directions()
     distance = cast_triangles(prepare(building_of(boxes).triangles), Rays(place[None], direction)).distance[0]
     points = (place + direction * distance[:, None]).astype(np.float32)
-    return NamedScan(PosedScan(points, place, np.eye(3), OAK_D_PRO_SMALL), "scan", len(points), "given")
+    return NamedScan(PosedScan(points, place, np.eye(3), SENSOR), "scan", len(points), "given")
 
 
-def told(judges, more, stands, count=1, **settings):
+def told(judges, more, stands, **settings):
     """Verdicts and mismatches of what is in the shell, of which some stands."""
     prior = prior_of_building(building_of((*SHELL, *more)))
     real = (*SHELL, *(one for one, there in zip(more, stands, strict=True) if there))
-    found = detect_scans(prior, [scanned(real)] * count, judges, DetectSettings(refine=False, **settings))
+    found = detect_scans(prior, [scanned(real)], judges, DetectSettings(refine=False, **settings))
     return found, [one.verdict for one in found.elements][4:]
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_layers_of_a_wall_are_gone_one_behind_the_other(judges, count):
+def test_layers_of_a_wall_are_gone_one_behind_the_other(judges):
     layers = across(2.0, 0.1), across(2.15, 0.2), across(2.3, 0.1)
-    found, verdicts = told(judges, layers, (False, False, False), count)
+    found, verdicts = told(judges, layers, (False, False, False))
     assert verdicts == [REMOVED] * 3 and len(found.mismatches) == 3
     assert all(one.probability > 0.95 and one.observable_fraction > 0.9 for one in found.mismatches)
-    assert told(judges, layers, (False, False, True), count)[1] == [REMOVED, REMOVED, PRESENT]
-    assert told(judges, layers, (False, True, True), count)[1] == [REMOVED, PRESENT, UNSCANNED]
-    assert told(judges, layers, (True, True, True), count)[1] == [PRESENT, UNSCANNED, UNSCANNED]
+    assert told(judges, layers, (False, False, True))[1] == [REMOVED, REMOVED, PRESENT]
+    assert told(judges, layers, (False, True, True))[1] == [REMOVED, PRESENT, UNSCANNED]
+    assert told(judges, layers, (True, True, True))[1] == [PRESENT, UNSCANNED, UNSCANNED]
 
 
 def test_of_two_elements_in_one_place_both_are_gone(judges):
@@ -134,7 +136,7 @@ def test_a_closed_door_behind_a_wall_that_is_gone_hides_what_is_behind_it(degree
 def test_true_verdicts_are_of_what_remains_too(judges):
     """Rooms of which two walls are gone: what only shows past the nearer one is true to be there, or gone."""
     more = 0
-    for case in room_cases("walls_removed", "clean", 78, range(6)):
+    for case in room_cases("walls_removed", "clean", 78, range(4)):
         found = detect_scans(
             case.prior, [NamedScan(case.scan, "scan", 1, "given")], judges, DetectSettings(refine=False)
         )
@@ -143,4 +145,4 @@ def test_true_verdicts_are_of_what_remains_too(judges):
             if truth in (PRESENT, REMOVED) and not np.any(case.pairs.dt.element[case.row] == number_of[guid]):
                 more += 1
                 assert verdict == truth
-    assert more >= 3
+    assert more >= 2
