@@ -12,7 +12,6 @@ that is found, and without what is found, rightly or not, where an object shows 
 
 import argparse
 import itertools
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,7 @@ from jaxmm.judging import Judges
 from jaxmm.objects import ObjectSettings
 from jaxmm.report import Detection
 from jaxmm.room_scans import RoomCase, room_cases
-from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, VerdictSettings
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, VerdictSettings, is_enough
 from jaxmm.weights import DEFAULT
 from warp_scanner.cores import worker_pool
 from warp_scanner.pairs import PRESETS
@@ -85,51 +84,34 @@ def elements_of(found: Detection, case: RoomCase) -> list[tuple[tuple[str, str, 
     True verdicts count rays as the simulator knows them, with the limits of VerdictSettings: in the whole model, and of
     what these leave open in the model without all else that is gone.
     """
-    pairs, row, told = case.pairs, case.row, []
+    pairs, row, limits, told = case.pairs, case.row, VerdictSettings(), []
     gone = set(pairs.box.element[row, pairs.box.change[row] < 0].tolist())
     said = {one.guid: one for one in found.elements}
-    remains = _reached_past(case, gone)
+    rest, robot = _without(case, gone), pairs.robot.distance[row]
     for number, guid in zip(case.ids.tolist(), case.prior.building.elements.guid, strict=True):
         if guid not in said:
             continue
-        whole = pairs.dt.element[row] == number
-        tells = pairs.testable_dt[row] if number in gone else pairs.robot.element[row] == number
-        past, tells_past = remains(number)
-        truth = REMOVED if number in gone else PRESENT
-        if not (_is_enough(whole & tells, whole) or _is_enough(past & tells_past, past)):
-            truth = OCCLUDED if whole.any() or past.any() else UNSCANNED
+        truth, whole = REMOVED if number in gone else PRESENT, pairs.dt.element[row] == number
+        if number in gone:
+            past, reach = _without(case, gone - {number})
+            tells, tells_past = pairs.testable_dt[row], np.isfinite(robot) & (robot > reach + APART)
+        else:
+            past, tells = rest[0], pairs.robot.element[row] == number
+            tells_past = tells
+        views = (whole, tells), (past == number, tells_past)
+        if not any(is_enough(np.sum(meant & by), np.sum(meant), limits) for meant, by in views):
+            truth = OCCLUDED if whole.any() or np.any(past == number) else UNSCANNED
         told.append(((truth, said[guid].verdict, round(said[guid].probability, 6)), guid))
     return told
 
 
-def _is_enough(tells: np.ndarray, meant: np.ndarray) -> bool:
-    limits = VerdictSettings()
-    return bool(tells.sum() >= limits.least_rays and tells.sum() >= limits.least_share * meant.sum())
-
-
-def _reached_past(case: RoomCase, gone: set[int]) -> Callable[[int], tuple[np.ndarray, np.ndarray]]:
-    """Of an element: which rays meet it where nothing else stands that is gone, and which of these tell of it, (P,)."""
-    pairs, row, scan = case.pairs, case.row, case.scan
-    direction = (pairs.directions @ scan.rotation.T).astype(np.float32)
-    rays, away = Rays(scan.position[None], direction), np.isin(case.ids, sorted(gone))
-    robot = pairs.robot.distance[row]
-    whole = pairs.dt.element[row]
-
-    def cast(present: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found = cast_triangles(case.prior.scene, rays, present)
-        met = np.where(found.element[0] >= 0, case.ids[found.element[0]], -1)
-        return np.where(found.distance[0] <= scan.sensor.range_limits[1], met, -1), found.distance[0]
-
-    others = cast(~away)[0] if gone else whole
-
-    def of(number: int) -> tuple[np.ndarray, np.ndarray]:
-        if number not in gone:
-            return others == number, pairs.robot.element[row] == number
-        met, reach = cast(~away | (case.ids == number)) if len(gone) > 1 else (whole, pairs.dt.distance[row])
-        with np.errstate(invalid="ignore"):
-            return met == number, np.isfinite(robot) & (robot > reach + APART)
-
-    return of
+def _without(case: RoomCase, gone: set[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Which element (P,) each ray of a room's scan meets in its model without some, -1 for none, and its range [m]."""
+    scan = case.scan
+    rays = Rays(scan.position[None], (case.pairs.directions @ scan.rotation.T).astype(np.float32))
+    met = cast_triangles(case.prior.scene, rays, ~np.isin(case.ids, sorted(gone)))
+    within = (met.element[0] >= 0) & (met.distance[0] <= scan.sensor.range_limits[1])
+    return np.where(within, case.ids[met.element[0]], -1), met.distance[0]
 
 
 def table(out: Path) -> str:

@@ -9,36 +9,25 @@ is in no model, and nothing in the building is new. A JSON file for each file an
 again. Prints Markdown.
 """
 
-import argparse
-import itertools
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxmm.detect_files import read_judges
+from benchmarks.building_views import asked_for, kept_views, scanned, tell_views
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans
-from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges
 from jaxmm.outdoors import is_outdoors
-from jaxmm.priors import Prior, read_prior
-from jaxmm.scan_rays import PosedScan
+from jaxmm.priors import Prior
 from jaxmm.verdicts import REMOVED, VERDICTS
-from jaxmm.weights import DEFAULT
 from warp_scanner.buildings import Triangles, bounds, join
-from warp_scanner.cores import worker_pool
-from warp_scanner.imperfections import imperfect
-from warp_scanner.points import points_of
-from warp_scanner.poses import rotation_of
 from warp_scanner.scenes import OTHER, PILLAR, WALL
 from warp_scanner.sense import rays_of
 from warp_scanner.sensors import Pinhole, Pose, sensor_named
-from warp_scanner.surface import incidence_of
-from warp_scanner.triangles import cast_faces, cast_triangles, face_normals, prepare
+from warp_scanner.triangles import cast_triangles, prepare
 
-SEED = 3  # of the test places
 SENSORS = ("oak-d-pro-small", "oak-d-pro-small-real", "ouster-64", "ouster-64-real")
 GONE, LEAST_RAYS = 0.6, 0.01  # share of views in which something is gone; share of the rays that would meet it
 AWAY, HEIGHT = (2.0, 8.0), 1.6  # [m] outside of the circle around the building, above its lowest storey
@@ -52,26 +41,6 @@ class Street(NamedTuple):
     middle: np.ndarray  # (2,) [m] of what it spans
     half: np.ndarray  # (2,) [m]
     ground: float  # [m]
-
-
-def main(folder: Path, out: Path, views: int, seed: int) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    paths = sorted(folder.rglob("*.ifc"))
-    tasks = [(path, sensor, views, seed, out) for path, sensor in itertools.product(paths, SENSORS)]
-    with worker_pool() as pool:
-        for line in pool.map(_part, tasks):
-            print(line, flush=True)
-    print(table(out, seed))
-
-
-def _part(task: tuple[Path, str, int, int, Path]) -> str:
-    path, sensor, views, seed, out = task
-    kept = out / f"{path.stem}_{sensor}_{seed}.json"
-    if not kept.exists():
-        prior, judges = read_prior(path), read_judges(DEFAULT)
-        told = [_view(prior, judges, sensor, (seed, number)) for number in range(views)]
-        write_json(kept, {"views": [one for one in told if one is not None]})
-    return kept.stem
 
 
 def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]) -> dict[str, Any] | None:
@@ -92,13 +61,10 @@ def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]
         return None
     gone = int(draw.choice(np.flatnonzero(shown))) if draw.random() < GONE else -1
     whole = join(building.triangles, _things_around(street, pose.position[0].astype(np.float64), draw))
-    scan, face = cast_faces(prepare(whole), rays, np.arange(len(whole.semantic)) != gone)
-    scan = imperfect(scan, incidence_of(face_normals(whole, face), rays), sensor, which[0], np.array([which[1]]))
-    ends = points_of(pose, sensor.directions(), scan.distance)[0, np.isfinite(scan.distance[0])]
+    posed, _ = scanned(prepare(whole), np.arange(len(whole.semantic)) != gone, (sensor, pose), which)
     off = draw.normal(0.0, OFF, 3) if sensor_name.endswith("-real") else np.zeros(3)
-    turn = rotation_of(pose.yaw, pose.pitch)[0].astype(np.float64)
-    posed = PosedScan((ends + off).astype(np.float32), pose.position[0] + off, turn, sensor)
-    return _told(prior, judges, NamedScan(posed, "scan", len(ends), "given"), gone)
+    posed = posed._replace(points=(posed.points + off).astype(np.float32), position=posed.position + off)
+    return _told(prior, judges, NamedScan(posed, "scan", len(posed.points), "given"), gone)
 
 
 def _told(prior: Prior, judges: Judges, scan: NamedScan, gone: int) -> dict[str, Any]:
@@ -176,7 +142,7 @@ def table(out: Path, seed: int) -> str:
         f"|{' --- |' * (6 + len(VERDICTS))}",
     ]
     for sensor in SENSORS:
-        views = [one for path in sorted(out.glob(f"*_{sensor}_{seed}.json")) for one in load_json(path)["views"]]
+        views = kept_views(out, sensor, seed)
         believed = [one for one in views if "refused" not in one]
         gone = [one for one in believed if one["gone"]]
         counts = [len(views), len(views) - len(believed), len(gone)]
@@ -187,10 +153,6 @@ def table(out: Path, seed: int) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, metavar="FOLDER")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--views", type=int, default=12, metavar="N", help="of each file and sensor")
-    parser.add_argument("--seed", type=int, default=SEED, metavar="N")
-    asked = parser.parse_args()
-    main(asked.folder, asked.out, asked.views, asked.seed)
+    asked = asked_for(__doc__, views=12)
+    tell_views(_view, SENSORS, asked)
+    print(table(asked.out, asked.seed))

@@ -10,91 +10,57 @@ verdict is right, wrong or left open: by one look at the scan, as the whole mode
 past what is gone. A JSON file for each file and sensor; what is there is not made again. Prints Markdown.
 """
 
-import argparse
-import itertools
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.building_views import asked_for, kept_views, scanned, tell_views
 from benchmarks.detection_scores import share_of
-from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans, look_at
-from jaxmm.files import load_json, write_json
 from jaxmm.hanging import without_hanging
 from jaxmm.hindsight import APART
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges
-from jaxmm.priors import Prior, read_prior
+from jaxmm.priors import Prior
 from jaxmm.remaining import filling
-from jaxmm.scan_rays import PosedScan, rays_of_scan
-from jaxmm.verdicts import PRESENT, REMOVED, STANDS, VerdictSettings, verdicts_of
-from jaxmm.weights import DEFAULT
+from jaxmm.scan_rays import rays_of_scan
+from jaxmm.verdicts import PRESENT, REMOVED, STANDS, VerdictSettings, is_enough, verdicts_of
 from warp_scanner import draws
 from warp_scanner.building_poses import draw_positions
-from warp_scanner.cores import worker_pool
-from warp_scanner.imperfections import imperfect
-from warp_scanner.points import points_of
-from warp_scanner.poses import Standing, rotation_of
+from warp_scanner.poses import Standing
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import PILLAR, WALL
 from warp_scanner.sense import rays_of
 from warp_scanner.sensors import sensor_named
-from warp_scanner.surface import incidence_of
-from warp_scanner.triangles import cast_faces, cast_triangles, face_normals
+from warp_scanner.triangles import cast_triangles
 
-SEED = 3  # of the test places
 SENSORS = ("oak-d-pro-small", "ouster-64")
 MISSING = 0.5  # share of the walls and columns that do not stand
 SAME = 1e-3  # [m] within which a ray ends on an element
 LOOKS = ("one look", "all looks")
 
 
-def main(folder: Path, out: Path, views: int, seed: int) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    paths = sorted(folder.rglob("*.ifc"))
-    tasks = [(path, sensor, views, seed, out) for path, sensor in itertools.product(paths, SENSORS)]
-    with worker_pool() as pool:
-        for line in pool.map(_part, tasks):
-            print(line, flush=True)
-    print(table(out, seed))
-
-
-def _part(task: tuple[Path, str, int, int, Path]) -> str:
-    path, sensor, views, seed, out = task
-    kept = out / f"{path.stem}_{sensor}_{seed}.json"
-    if not kept.exists():
-        prior, judges = read_prior(path), read_judges(DEFAULT)
-        write_json(kept, {"views": [_view(prior, judges, sensor, (seed, number)) for number in range(views)]})
-    return kept.stem
-
-
-def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]) -> dict[str, Any]:
-    """Of each element that can be told in one view: whether it stands, and what either look says of it."""
+def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]) -> dict[str, Any] | None:
+    """Of each element that can be told: whether it stands, and what either look says; None without a free place."""
     building, draw, sensor = prior.building, np.random.default_rng(which), sensor_named(sensor_name)
     upright = np.isin(building.triangles.semantic, (WALL, PILLAR))
     gone = upright & (draw.random(len(upright)) < MISSING)
     gone |= filling(building, gone)
     pose, found = draw_positions(building, prior.scene, Standing(), draws.keys(which[0], np.array([which[1]])))
     if not found[0]:
-        return {"told": [], "new": 0}
-    rays = rays_of(sensor, pose)
-    scan, face = cast_faces(prior.scene, rays, ~gone)
-    incidence = incidence_of(face_normals(building.triangles, face), rays)
-    reach = imperfect(scan, incidence, sensor, which[0], np.array([which[1]])).distance
-    ends = points_of(pose, sensor.directions(), reach)[0, np.isfinite(reach[0])]
-    turn = rotation_of(pose.yaw, pose.pitch)[0].astype(np.float64)
-    posed = PosedScan(ends, pose.position[0].astype(np.float64), turn, sensor)
+        return None
+    posed, reach = scanned(prior.scene, ~gone, (sensor, pose), which)
     settings = DetectSettings(refine=False, settle=False, propose_views=False)
     try:
-        told = detect_scans(prior, [NamedScan(posed, "scan", len(ends), "given")], judges, settings)
+        told = detect_scans(prior, [NamedScan(posed, "scan", len(posed.points), "given")], judges, settings)
     except InputError as error:
         return {"refused": str(error), "told": [], "new": 0}
     last = {one.guid: one.verdict for one in told.elements}
     whole = without_hanging(prior, [WALL, PILLAR])
     first = verdicts_of([look_at(whole, rays_of_scan(posed), judges, ["removed"])[1]])
-    rows = _can_be_told(prior, (np.flatnonzero(upright), gone), rays, reach[0])
+    rows = _can_be_told(prior, (np.flatnonzero(upright), gone), rays_of(sensor, pose), reach)
     return {
         "told": [
             (REMOVED if gone[row] else PRESENT, first[row].verdict, last[building.elements.guid[row]]) for row in rows
@@ -114,7 +80,7 @@ def _can_be_told(prior: Prior, which: tuple[np.ndarray, np.ndarray], rays: Rays,
             on_it, past = (int((meets & there).sum()) for there in (np.abs(apart) < SAME, apart > APART))
         tells = past if gone[row] else on_it + past
         taken = gone[row] and on_it >= STANDS * (on_it + past)
-        if not taken and tells >= max(limits.least_rays, limits.least_share * meets.sum()):
+        if not taken and is_enough(tells, meets.sum(), limits):
             found.append(int(row))
     return found
 
@@ -127,7 +93,7 @@ def table(out: Path, seed: int) -> str:
         f"|{' --- |' * 10}",
     ]
     for sensor in SENSORS:
-        views = [one for path in sorted(out.glob(f"*_{sensor}_{seed}.json")) for one in load_json(path)["views"]]
+        views = kept_views(out, sensor, seed)
         refused, new = sum("refused" in one for one in views), sum(one["new"] for one in views)
         for number, look in enumerate(LOOKS, start=1):
             told = [(one[0], one[number]) for view in views for one in view["told"]]
@@ -140,10 +106,6 @@ def table(out: Path, seed: int) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, metavar="FOLDER")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--views", type=int, default=6, metavar="N", help="of each file and sensor")
-    parser.add_argument("--seed", type=int, default=SEED, metavar="N")
-    asked = parser.parse_args()
-    main(asked.folder, asked.out, asked.views, asked.seed)
+    asked = asked_for(__doc__, views=6)
+    tell_views(_view, SENSORS, asked)
+    print(table(asked.out, asked.seed))

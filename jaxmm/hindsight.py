@@ -29,23 +29,21 @@ class Alone(NamedTuple):
     tell: int  # of those, that show that it is new, or gone
     deny: int  # of those, that show the contrary
     through: int = 0  # of these, that pass below or above what is seen of its face: a wall has openings
-    stands: int = 0  # of an element that is held for removed: rays that end right on it
 
     @property
     def standing(self) -> float:
-        """Share of the rays that tell of a removed element, that end right on it; 0 where none tells."""
-        return self.stands / max(self.tell + self.stands, 1)
+        """Of a removed element: share of the rays that tell of it, that deny it; 0 where none tells."""
+        return self.deny / max(self.tell + self.deny, 1)
 
 
 def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
-    """An element of the prior that is held for removed: rays beyond it tell, rays that end on it deny."""
+    """An element of the prior that is held for removed: rays beyond it tell, rays that end right on it deny."""
     only = np.arange(len(scene.triangles.semantic)) == element
     reach = cast_triangles(scene, Rays(rays.position[None], rays.direction), only).distance[0]
     meets = np.isfinite(reach) & (reach <= rays.limit)
     apart = rays.distance[meets] - reach[meets]
     back = np.isfinite(apart)
-    on_it, right_on_it = (int((np.abs(apart) <= off).sum()) for off in (APART, BASE_MARGIN))
-    return Alone(int(meets.sum()), int((back & (apart > APART)).sum()), on_it, stands=right_on_it)
+    return Alone(int(meets.sum()), int((back & (apart > APART)).sum()), int((np.abs(apart) <= BASE_MARGIN).sum()))
 
 
 def of_box(box: Box, expected: np.ndarray, rays: ScanRays, face: np.ndarray | None = None) -> Alone:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.boxes import Box
 from jaxmm.evidence import SUPPORT, THROUGH
 from jaxmm.report import Detection, Mismatch
 
@@ -40,8 +41,8 @@ def mismatch_points(detection: Detection) -> MismatchPoints:
     return MismatchPoints(robot, prior)
 
 
-def inside(mismatch: Mismatch, offsets: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Which points (N,) lie in the box of a mismatch, or within MARGIN of it.
+def inside(mismatch: Mismatch | Box, offsets: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Which points (N,) lie in a box, as of a mismatch, or within MARGIN of it.
 
     Args:
         mismatch: its box is in the world frame.

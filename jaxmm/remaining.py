@@ -8,11 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm import hindsight
+from jaxmm.boxes import Box
 from jaxmm.building_sighting import Sighting, sight
 from jaxmm.evidence import SUPPORT, View
 from jaxmm.hanging import FILLINGS, scene_of
 from jaxmm.hindsight import APART
 from jaxmm.judging import Judges, Side, judge
+from jaxmm.mismatch_points import inside
 from jaxmm.mismatches import KINDS, Looked
 from jaxmm.object_clues import ONTO
 from jaxmm.outdoors import indoors
@@ -25,6 +27,7 @@ from warp_scanner.scan import Rays
 from warp_scanner.triangles import TriangleScene, cast_triangles, clearance
 
 FRAME = 0.1  # [m] by which a door or a window may stand out of its wall, or be smaller than its opening
+HID = 2  # times as many points of an element as before, from which it is asked for again
 
 
 class Past(NamedTuple):
@@ -84,16 +87,13 @@ def _gone(building: Building, verdicts: list[Verdict], classes: list[int]) -> np
 
 def filling(building: Building, chosen: np.ndarray) -> np.ndarray:
     """(E,) bool: doors and windows whose middle is in the box of a chosen (E,) element, and that touch it."""
-    triangles = building.triangles
+    triangles, found = building.triangles, np.zeros(len(chosen), bool)
     low, high = element_bounds(triangles)
     rows = np.flatnonzero(np.isin(triangles.semantic, FILLINGS) & np.isfinite(low).all(axis=1))
-    found, middle = np.zeros(len(chosen), bool), ((low + high) / 2)[rows].astype(np.float64)
+    middle = (low[rows] + high[rows]).astype(np.float64) / 2
     for wall in np.flatnonzero(chosen):
-        box = of_element(building, int(wall))
-        along = np.array([np.cos(np.radians(box.yaw)), np.sin(np.radians(box.yaw))])
-        offset = middle - box.center
-        offset[:, :2] = offset[:, :2] @ np.array([along, [-along[1], along[0]]]).T
-        within = rows[np.all(np.abs(offset) <= box.size / 2 + FRAME, axis=1)]
+        one = of_element(building, int(wall))
+        within = rows[inside(Box("wall", one.center, one.size, float(one.yaw)), middle, np.zeros(3))]
         surface = scene_of(triangles, triangles.element == wall) if len(within) else None
         for row in within:
             corners = triangles.vertices[np.unique(triangles.faces[triangles.element == row])]
@@ -114,11 +114,11 @@ def _asked_again(
         return view
     seen = sight(prior._replace(scene=scene_of(triangles, ~now[triangles.element])), one.rays)
     shown = np.bincount(seen.prior.element, minlength=len(now))
-    hidden = (~is_seen(view.told.rays, limits) | (shown > 2 * view.told.points)) & (shown > 0) & ~now
-    if not hidden.any():
-        return view._replace(gone=now, seen=seen, told=view.told._replace(scanned=view.told.scanned | seen.reached))
-    new, stays = judge(judges, seen.prior, seen.frame, "removed"), ~hidden[view.removed.view.element]
-    side = _joined(_some(view.removed, stays), _some(new, hidden[seen.prior.element]))
+    hidden = (~is_seen(view.told.rays, limits) | (shown > HID * view.told.points)) & (shown > 0) & ~now
+    side = view.removed
+    if hidden.any():
+        new = judge(judges, seen.prior, seen.frame, "removed")
+        side = _joined(_some(side, ~hidden[side.view.element]), _some(new, hidden[seen.prior.element]))
     reached = view.told.scanned | seen.reached
     return Past(told_of(reached, side.view.element, side.view.count, side.probability), side, now, seen)
 
@@ -135,8 +135,10 @@ def _joined(one: Side, other: Side) -> Side:
 def _judged_anew(prior: Prior, one: Looked, view: Past, judges: Judges) -> Looked:
     """One scan, the robot's points past what is gone compared with what remains."""
     rays, old, seen = one.rays, one.added.view, view.seen
-    stands = _standing_still(prior, view.gone, rays)
     fresh = (seen.robot.count != old.count).any(axis=1) & (old.count[:, SUPPORT] == 0)
+    if not fresh.any():
+        return one
+    stands = _standing_still(prior, view.gone, rays)
     fresh[fresh] = _indoors(prior, old.points[fresh], rays.position) & ~_is_on(stands, old.points[fresh])
     if not fresh.any():
         return one

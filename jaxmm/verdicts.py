@@ -112,9 +112,13 @@ def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> li
 
 def is_seen(rays: np.ndarray, settings: VerdictSettings) -> np.ndarray:
     """(E,) bool: whether enough of the rays (E, 4) went through an element or ended on it to tell."""
-    total = rays[:, [THROUGH, SUPPORT]].sum(axis=1)
     every = rays[:, [THROUGH, SUPPORT, BLOCKED, UNSEEN]].sum(axis=1)
-    return (total >= settings.least_rays) & (total >= settings.least_share * every)
+    return is_enough(rays[:, [THROUGH, SUPPORT]].sum(axis=1), every, settings)
+
+
+def is_enough(tells: np.ndarray, meant: np.ndarray, settings: VerdictSettings) -> np.ndarray:
+    """(E,) bool: whether so many rays (E,) tell, of all that are meant to meet an element (E,)."""
+    return (tells >= settings.least_rays) & (tells >= settings.least_share * meant)
 
 
 def _flags(told: list[Told], settings: VerdictSettings) -> list[tuple[np.ndarray, np.ndarray]]:

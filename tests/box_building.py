@@ -2,8 +2,12 @@
 
 import numpy as np
 
+from jaxmm.detection import NamedScan
+from jaxmm.scan_rays import PosedScan
 from warp_scanner.room_buildings import building_of_room
+from warp_scanner.scan import Rays
 from warp_scanner.scenes import BOX, Primitives
+from warp_scanner.triangles import cast_triangles, prepare
 
 
 def building_of(boxes):
@@ -15,3 +19,12 @@ def building_of(boxes):
         np.zeros((1, count), np.float32), np.arange(count, dtype=np.int32)[None], semantic[None].astype(np.uint8),
     )  # fmt: skip
     return building_of_room(table, 0)[0]
+
+
+def scan_of(boxes, place, sensor, most=np.inf):
+    """An exact scan of boxes from a place (3,), along x, with what is nearer than `most` [m]."""
+    direction = sensor.directions()
+    distance = cast_triangles(prepare(building_of(boxes).triangles), Rays(place[None], direction)).distance[0]
+    back = np.isfinite(distance) & (distance < most)
+    points = (place + direction[back] * distance[back, None]).astype(np.float32)
+    return NamedScan(PosedScan(points, place, np.eye(3), sensor), "scan", len(points), "given")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from box_building import building_of
+from box_building import building_of, scan_of
 
 from benchmarks.outdoors import Street
 from benchmarks.outdoors import _pose as a_pose
@@ -10,20 +10,17 @@ from benchmarks.outdoors import _things_around as things_around
 from benchmarks.outdoors import table as outdoor_table
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.detection import detect_scans
 from jaxmm.files import write_json
 from jaxmm.inputs import InputError
 from jaxmm.outdoors import OUTDOORS, indoors, is_outdoors
 from jaxmm.priors import prior_of_building, prior_of_cloud
-from jaxmm.scan_rays import PosedScan
 from jaxmm.verdicts import PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
 from warp_scanner.building_poses import away_from
 from warp_scanner.buildings import element_bounds
-from warp_scanner.scan import Rays
 from warp_scanner.scenes import CEILING, FLOOR, OTHER, PILLAR, WALL
 from warp_scanner.sensors import OAK_D_PRO_SMALL
-from warp_scanner.triangles import cast_triangles, prepare
 
 # A house of 8 x 6 m; its walls from 2 on: south, north, west, east. Terrain of 40 x 40 m lies 0.1 m below its floor.
 SLAB, ROOF = ((0, 0, -0.1), (4, 3, 0.1), FLOOR), ((0, 0, 2.7), (4, 3, 0.1), CEILING)
@@ -47,11 +44,7 @@ def judges():
 
 
 def scanned(boxes, place=PLACE):
-    direction = OAK_D_PRO_SMALL.directions()
-    distance = cast_triangles(prepare(building_of(boxes).triangles), Rays(place[None], direction)).distance[0]
-    back = np.isfinite(distance) & (distance < 30.0)
-    points = (place + direction[back] * distance[back, None]).astype(np.float32)
-    return NamedScan(PosedScan(points, place, np.eye(3), OAK_D_PRO_SMALL), "scan", len(points), "given")
+    return scan_of(boxes, place, OAK_D_PRO_SMALL, most=30.0)
 
 
 def verdicts(found):

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from box_building import building_of
+from box_building import building_of, scan_of
 
 from benchmarks.detections import elements_of
 from jaxmm.detect_files import read_judges
@@ -13,13 +13,10 @@ from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.priors import prior_of_building
 from jaxmm.remaining import filling
 from jaxmm.room_scans import room_cases
-from jaxmm.scan_rays import PosedScan
 from jaxmm.verdicts import PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
-from warp_scanner.scan import Rays
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, PILLAR, TABLE, WALL
 from warp_scanner.sensors import OAK_D_PRO_SMALL
-from warp_scanner.triangles import cast_triangles, prepare
 
 SENSOR = dataclasses.replace(OAK_D_PRO_SMALL, width=160, height=100)
 PLACE = np.array([-3.0, 0.2, 1.5])  # it looks along x
@@ -41,10 +38,7 @@ def judges():
 
 
 def scanned(boxes, place=PLACE):
-    direction = SENSOR.directions()
-    distance = cast_triangles(prepare(building_of(boxes).triangles), Rays(place[None], direction)).distance[0]
-    points = (place + direction * distance[:, None]).astype(np.float32)
-    return NamedScan(PosedScan(points, place, np.eye(3), SENSOR), "scan", len(points), "given")
+    return scan_of(boxes, place, SENSOR)
 
 
 def told(judges, more, stands, **settings):

@@ -1,0 +1,84 @@
+"""Views of building files by several sensors: what is told of each, a JSON file for each file and sensor."""
+
+import argparse
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmm.detect_files import read_judges
+from jaxmm.files import load_json, write_json
+from jaxmm.judging import Judges
+from jaxmm.priors import Prior, read_prior
+from jaxmm.scan_rays import PosedScan
+from jaxmm.weights import DEFAULT
+from warp_scanner.cores import worker_pool
+from warp_scanner.imperfections import imperfect
+from warp_scanner.points import points_of
+from warp_scanner.poses import rotation_of
+from warp_scanner.sense import rays_of
+from warp_scanner.sensors import Pose, Sensor
+from warp_scanner.surface import incidence_of
+from warp_scanner.triangles import TriangleScene, cast_faces, face_normals
+
+SEED = 3  # of the test places
+# What is told of one view, by prior, models, sensor, and seed and number; None where there is no such view.
+Teller = Callable[[Prior, Judges, str, tuple[int, int]], dict[str, Any] | None]
+
+
+def asked_for(about: str, views: int) -> argparse.Namespace:
+    """The command line: FOLDER, --out, --views and --seed."""
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--views", type=int, default=views, metavar="N", help="of each file and sensor")
+    parser.add_argument("--seed", type=int, default=SEED, metavar="N")
+    return parser.parse_args()
+
+
+def tell_views(teller: Teller, sensors: tuple[str, ...], asked: argparse.Namespace) -> None:
+    """Views of every IFC file below a folder by every sensor, on all cores; what is there is not made again."""
+    asked.out.mkdir(parents=True, exist_ok=True)
+    paths = sorted(asked.folder.rglob("*.ifc"))
+    with worker_pool() as pool:
+        tasks = [(teller, path, sensor, asked) for path, sensor in itertools.product(paths, sensors)]
+        for line in pool.map(_part, tasks):
+            print(line, flush=True)
+
+
+def kept_views(out: Path, sensor: str, seed: int) -> list[dict[str, Any]]:
+    """What was told of all files by one sensor."""
+    return [one for path in sorted(out.glob(f"*_{sensor}_{seed}.json")) for one in load_json(path)["views"]]
+
+
+def scanned(
+    scene: TriangleScene, present: np.ndarray, seen: tuple[Sensor, Pose], key: tuple[int, int]
+) -> tuple[PosedScan, np.ndarray]:
+    """A scan as its sensor errs, and the ranges (P,) [m] of all its rays, inf without a return.
+
+    Args:
+        scene: what there is.
+        present: (E,) bool, which of it stands.
+        seen: by which sensor, and from where (R = 1).
+        key: seed and number of the errors.
+    """
+    sensor, pose = seen
+    rays = rays_of(sensor, pose)
+    scan, face = cast_faces(scene, rays, present)
+    incidence = incidence_of(face_normals(scene.triangles, face), rays)
+    reach = imperfect(scan, incidence, sensor, key[0], np.array([key[1]])).distance
+    ends = points_of(pose, sensor.directions(), reach)[0, np.isfinite(reach[0])]
+    turn = rotation_of(pose.yaw, pose.pitch)[0].astype(np.float64)
+    return PosedScan(ends, pose.position[0].astype(np.float64), turn, sensor), reach[0]
+
+
+def _part(task: tuple[Teller, Path, str, argparse.Namespace]) -> str:
+    teller, path, sensor, asked = task
+    kept = asked.out / f"{path.stem}_{sensor}_{asked.seed}.json"
+    if not kept.exists():
+        prior, judges = read_prior(path), read_judges(DEFAULT)
+        told = [teller(prior, judges, sensor, (asked.seed, number)) for number in range(asked.views)]
+        write_json(kept, {"views": [one for one in told if one is not None]})
+    return kept.stem
