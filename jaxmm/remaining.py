@@ -10,7 +10,7 @@ import numpy as np
 from jaxmm import hindsight
 from jaxmm.boxes import Box
 from jaxmm.building_sighting import Sighting, sight
-from jaxmm.evidence import SUPPORT, View
+from jaxmm.evidence import SUPPORT, THROUGH, View
 from jaxmm.hanging import FILLINGS, scene_of
 from jaxmm.hindsight import APART
 from jaxmm.judging import Judges, Side, judge
@@ -106,9 +106,10 @@ def _asked_again(
 ) -> Past:
     """The same view where the scan shows nothing more to be gone; else what it tells without all that."""
     triangles = prior.scene.triangles
-    now = view.gone | (gone & is_seen(view.told.rays, limits))
-    if np.array_equal(now, view.gone):
+    fresh = gone & is_seen(view.told.rays, limits) & ~view.gone
+    if not fresh.any():
         return view
+    now = view.gone | (fresh & ~_wait(prior, one, view.told, fresh))
     now |= filling(prior.building, now)
     if now[triangles.element].all():
         return view
@@ -121,6 +122,18 @@ def _asked_again(
         side = _joined(_some(side, ~hidden[side.view.element]), _some(new, hidden[seen.prior.element]))
     reached = view.told.scanned | seen.reached
     return Past(told_of(reached, side.view.element, side.view.count, side.probability), side, now, seen)
+
+
+def _wait(prior: Prior, one: Looked, told: Told, fresh: np.ndarray) -> np.ndarray:
+    """(E,) bool: of what is gone, that of which the others hid more than they left; none where all of it would wait.
+
+    By the edge of a wall that shows beside another nobody knows whether the rest, behind that, stands.
+    """
+    waits, tells = np.zeros(len(fresh), bool), told.rays[:, [THROUGH, SUPPORT]].sum(axis=1)
+    for row in np.flatnonzero(fresh) if fresh.sum() > 1 else ():
+        alone = hindsight.of_element(prior.scene, int(row), one.rays)
+        waits[row] = alone.tell + alone.deny > HID * tells[row]
+    return waits & bool((fresh & ~waits).any())
 
 
 def _some(side: Side, chosen: np.ndarray) -> Side:
