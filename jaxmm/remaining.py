@@ -101,19 +101,25 @@ def filling(building: Building, chosen: np.ndarray) -> np.ndarray:
     return found
 
 
+def remains_of(prior: Prior, gone: np.ndarray) -> Prior:
+    """The building and its surface without some (E,) bool of the elements, not all; they keep their numbers."""
+    triangles = prior.scene.triangles
+    scene = scene_of(triangles, ~gone[triangles.element])
+    return prior._replace(scene=scene, building=prior.building._replace(triangles=scene.triangles))
+
+
 def _asked_again(
     prior: Prior, one: Looked, view: Past, gone: np.ndarray, judges: Judges, limits: VerdictSettings
 ) -> Past:
     """The same view where the scan shows nothing more to be gone; else what it tells without all that."""
-    triangles = prior.scene.triangles
     fresh = gone & is_seen(view.told.rays, limits) & ~view.gone
     if not fresh.any():
         return view
     now = view.gone | (fresh & ~_wait(prior, one, view.told, fresh))
     now |= filling(prior.building, now)
-    if now[triangles.element].all():
+    if now[prior.scene.triangles.element].all():
         return view
-    seen = sight(prior._replace(scene=scene_of(triangles, ~now[triangles.element])), one.rays)
+    seen = sight(remains_of(prior, now), one.rays)
     shown = np.bincount(seen.prior.element, minlength=len(now))
     hidden = (~is_seen(view.told.rays, limits) | (shown > HID * view.told.points)) & (shown > 0) & ~now
     side = view.removed

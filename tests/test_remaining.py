@@ -13,10 +13,12 @@ from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.priors import prior_of_building
 from jaxmm.remaining import filling
 from jaxmm.room_scans import room_cases
-from jaxmm.verdicts import PRESENT, REMOVED, UNSCANNED
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
+from warp_scanner.scan import Rays
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, PILLAR, TABLE, WALL
 from warp_scanner.sensors import OAK_D_PRO_SMALL
+from warp_scanner.triangles import cast_triangles, prepare
 
 SENSOR = dataclasses.replace(OAK_D_PRO_SMALL, width=160, height=100)
 PLACE = np.array([-3.0, 0.2, 1.5])  # it looks along x
@@ -140,3 +142,19 @@ def test_true_verdicts_are_of_what_remains_too(judges):
                 more += 1
                 assert verdict == truth
     assert more >= 2
+
+
+def test_the_next_view_is_sought_past_what_is_gone(judges):
+    """A column behind a closed-off room's wall that is gone, and behind a cupboard: one looks in from where it was."""
+    wall = ((1.0, 0.0, 1.3), (0.1, 3.8, 1.3), WALL)
+    column = ((4.0, 0.0, 1.3), (0.2, 0.2, 1.3), PILLAR)
+    screen = ((2.5, 0.0, 1.3), (0.1, 1.0, 1.3), TABLE)
+    prior = prior_of_building(building_of((*SHELL, wall, column)))
+    found = detect_scans(prior, [scanned((*SHELL, screen, column))], judges, DetectSettings(refine=False))
+    assert [one.verdict for one in found.elements[4:]] == [REMOVED, OCCLUDED]
+    place = np.array(found.elements[-1].next_view[:3])
+    toward = np.array([[4.1, 0.2, 1.2], [4.1, -0.2, 1.2]]) - place
+    toward = (toward / np.linalg.norm(toward, axis=1, keepdims=True)).astype(np.float32)
+    hit = cast_triangles(prepare(building_of((*SHELL, screen, column)).triangles), Rays(place[None], toward))
+    assert len(SHELL) + 1 in hit.element  # its side
+    assert place[0] < 1.0  # no need to walk through where the wall was
