@@ -24,6 +24,8 @@ class SolidSettings(CandidateSettings):
     many_walls: int = 16  # from so many on, a building without any column seems to have none
     widest_column: float = 0.95  # of a lone face, in such a building
     seldom_wider: float = 100.0  # how many times seldomer it gets wider ones than the rooms that the judge learnt from
+    deepest_column: float = 4.0  # in its own widths, where both are seen; what is deeper is a wall
+    seldom_deeper: float = 1000.0  # how many times seldomer a column is deeper than the judge has it
     least_width: float = 0.15  # of a lone face that goes on unseen; less tells nothing of its shape
 
 

@@ -149,3 +149,14 @@ def test_a_wide_face_moves_the_odds_of_its_type_and_not_whether_it_is_real(share
     nothing, column, wall = by_width(np.array(share), candidates[0], KnownBuilding(own=elements(16)), settings)
     assert nothing == share[0] and nothing + column + wall == pytest.approx(1.0)
     assert column * share[2] * settings.seldom_wider == pytest.approx(wall * share[1])
+
+
+@pytest.mark.parametrize("turn", [35, 55])
+def test_a_section_deeper_than_four_times_its_width_is_a_walls(turn):
+    """As EN 1992-1-1 has it, but in a building that has such columns itself."""
+    sure = says(0.02, 0.95, 0.03)
+    deep, less = judged(wall(2.8, 0.2, 1.3, 0.25, turn)), judged(wall(2.8, 0.2, 1.0, 0.3, turn))
+    assert told(deep, KnownBuilding(), sure).object_type == "wall"
+    assert told(deep, KnownBuilding(columns=((0.3, 0.3, False),)), sure).object_type == "wall"
+    assert told(deep, KnownBuilding(columns=((0.2, 1.0, False),)), sure).object_type == "pillar"
+    assert told(less, KnownBuilding(), sure).object_type == "pillar"
