@@ -70,8 +70,9 @@ def _with_odds(share: np.ndarray, odds: np.ndarray) -> np.ndarray:
 def by_width(share: np.ndarray, candidate: Candidate, known: KnownBuilding, settings: SolidSettings) -> np.ndarray:
     """The probabilities (3,) of nothing, a pillar and a wall, moved to the last where a lone face is wide for a column.
 
-    A building of many walls, without a single column, hardly gets one that is as wide as a piece of wall; where two
-    sides are seen, its shape tells. Of few walls, as of one room, it says nothing that there is no column yet.
+    A building of many walls, whose columns are less than half as wide, or that has none, hardly gets one that is as
+    wide as a piece of wall; where two sides are seen, its shape tells. Of few walls, as of one room, it says nothing
+    that there is no such column yet.
 
     Args:
         share: (3,) as the judge has them.
@@ -80,7 +81,9 @@ def by_width(share: np.ndarray, candidate: Candidate, known: KnownBuilding, sett
         settings: how wide columns are, how seldom wider, and how many walls are many.
     """
     own, first = known.own, candidate.first
-    if own is None or len(own.is_wall) < settings.many_walls or not own.is_wall.all():
+    if own is None or own.is_wall.sum() < settings.many_walls:
+        return share
+    if own.longer[~own.is_wall].max(initial=0.0) > settings.widest_column / 2:
         return share
     if first.face is None or candidate.crossing is not None or first.face.length <= settings.widest_column:
         return share

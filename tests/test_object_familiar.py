@@ -26,9 +26,10 @@ def moved(seen, share, known, off_grid=0.0):
     return by_size(np.array(share), one, pillar_like, known, settings, lambda: off_grid)
 
 
-def elements(walls, columns=0):
+def elements(walls, columns=0, width=1.0):
     row = np.ones(walls + columns)
-    return OwnElements(np.arange(len(row)) < walls, row > 1, np.zeros((len(row), 2)), 0 * row, row)
+    is_wall = np.arange(len(row)) < walls
+    return OwnElements(is_wall, row > 1, np.zeros((len(row), 2)), 0 * row, np.where(is_wall, row, width))
 
 
 def told(seen, known, judge=UNSURE):
@@ -123,18 +124,19 @@ def test_whether_it_is_real_stays_as_the_judge_has_it():
 
 
 @pytest.mark.parametrize("yaw", [0.0, 3.0])
-def test_a_wide_face_alone_is_no_columns_where_a_building_has_walls_alone(yaw):
-    """Other buildings keep what the judge says: of which no element is known, that have a column, or few walls."""
+def test_a_wide_face_alone_is_no_columns_where_a_building_has_walls_alone_or_slender_columns(yaw):
+    """Or slender columns. Others keep what the judge says: with no known element, a wide column, or few walls."""
     sure = says(0.02, 0.95, 0.03)
 
-    def told_of(width, columns=0, walls=16):
-        return told(judged(pillar(2.5, 0.0, width, yaw)), KnownBuilding(own=elements(walls, columns)), sure)
+    def told_of(width, *own):
+        return told(judged(pillar(2.5, 0.0, width, yaw)), KnownBuilding(own=elements(*own)), sure)
 
-    assert told_of(1.1).object_type == "wall" and told_of(1.1).probability == told_of(1.1, 1).probability
-    for other in (told_of(0.9), told_of(1.1, columns=1), told_of(1.1, walls=15)):
+    assert told_of(1.1, 16).object_type == "wall" and told_of(1.1, 16).probability == told_of(1.1, 16, 1).probability
+    assert told_of(1.1, 16, 3, 0.22).object_type == "wall"
+    for other in (told_of(0.9, 16), told_of(1.1, 16, 1), told_of(1.1, 16, 1, 0.5), told_of(1.1, 15, 1, 0.22)):
         assert other.object_type == "pillar"
     assert told(judged(pillar(2.5, 0.0, 1.1, yaw)), KnownBuilding(), sure).object_type == "pillar"
-    assert told_of(1.1).dimensions[:2].min() < 0.3
+    assert told_of(1.1, 16).dimensions[:2].min() < 0.3
 
 
 def test_two_wide_faces_are_a_columns_in_any_building():
