@@ -50,7 +50,7 @@ def fused(visits: Visits, probability: np.ndarray) -> np.ndarray:
     found = probability.copy()
     if not count or (scan == scan[0]).all():
         return found
-    place = _places(points.astype(np.float64))
+    place = place_of(points.astype(np.float64))
     visit = place * (scan.max() + 1) + scan
     several = np.bincount(place[np.unique(visit, return_index=True)[1]]) > 1
     rows = np.flatnonzero(several[place])
@@ -63,7 +63,7 @@ def fused(visits: Visits, probability: np.ndarray) -> np.ndarray:
     return found
 
 
-def _places(points: np.ndarray) -> np.ndarray:
+def place_of(points: np.ndarray) -> np.ndarray:
     """(N,) int: number of the voxel of each point, centred on multiples of its edge as where scans are thinned."""
     cell = np.floor(points / VOXEL + 0.5).astype(np.int64)
     x, y, z = (cell - cell.min(axis=0)).T
