@@ -21,15 +21,17 @@ from jaxmm.next_view import Stage, next_views, stand_of
 from jaxmm.outdoors import OUTDOORS, is_outdoors, of_building_only
 from jaxmm.placement import Placed, place
 from jaxmm.priors import Prior
-from jaxmm.remaining import filling, look_past_what_is_gone, remains_of
+from jaxmm.remaining import filling, gone_of, look_past_what_is_gone, remains_of
 from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on
 from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
-from jaxmm.verdicts import OCCLUDED, STANDS, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
+from jaxmm.verdicts import OCCLUDED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
 from warp_scanner.building_poses import away_from
 from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
 from warp_scanner.sensors import Pinhole
+from warp_scanner.triangles import clearance
 
+UNKNOWN = 0.15  # [m] from what remains of the model, from which on something else stands there
 LEAST_TOLD = 0.0005  # share of the points left out of a scan that is worth a word
 SEMANTIC = {"wall": WALL, "column": PILLAR, "door": DOOR, "window": WINDOW, "slab": FLOOR}
 
@@ -88,7 +90,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     wanted = _of_classes(prior, verdicts, settings)
     mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
     timing["objects"] = time.perf_counter() - start - sum(timing.values())
-    elements = _elements(prior, verdicts, (placed, looked, mismatches), settings) if verdicts is not None else ()
+    elements = _elements(prior, verdicts, placed, looked, settings) if verdicts is not None else ()
     timing["next views"] = time.perf_counter() - start - sum(timing.values())
     records = _records(prior, scans, placed, (told, settings, mismatches))
     # Drawn are the rays as the whole model has them, and what the points are held for in the end.
@@ -177,14 +179,21 @@ def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSe
 def _elements(
     prior: Prior,
     verdicts: list[Verdict],
-    found: tuple[list[Placed], list[Looked], tuple[Mismatch, ...]],
+    placed: list[Placed],
+    looked: list[Looked],
     settings: DetectSettings,
 ) -> tuple[ElementVerdict, ...]:
     """The verdicts of the wanted classes, with a view to take next where one was hidden."""
     table, storeys = prior.building.elements, prior.building.storeys
-    rows = np.flatnonzero(np.isin(table.semantic, [SEMANTIC[name] for name in settings.classes]))
-    hidden = [int(row) for row in rows if verdicts[row].verdict == OCCLUDED] if settings.propose_views else []
-    views = dict(zip(hidden, _views(prior, *found, np.array(hidden, int)), strict=True)) if hidden else {}
+    classes = [SEMANTIC[name] for name in settings.classes]
+    rows = np.flatnonzero(np.isin(table.semantic, classes))
+    hidden, views = np.array([row for row in rows if verdicts[row].verdict == OCCLUDED], int), {}
+    if len(hidden) and settings.propose_views:
+        gone = gone_of(prior.building, verdicts, classes)
+        gone |= filling(prior.building, gone)
+        gone[hidden] = False
+        remains = remains_of(prior, gone) if gone.any() else prior
+        views = dict(zip(hidden.tolist(), _views(remains, placed, looked, hidden), strict=True))
     return tuple(
         ElementVerdict(
             table.guid[row], table.ifc_class[row], table.name[row],
@@ -195,19 +204,12 @@ def _elements(
     )  # fmt: skip
 
 
-def _views(
-    prior: Prior, placed: list[Placed], looked: list[Looked], mismatches: tuple[Mismatch, ...], hidden: np.ndarray
-) -> list[Pose | None]:
-    """For the sensor of the scan that is nearest, past what is gone, with all that any robot saw standing around."""
-    removed = [one.element for one in mismatches if one.mismatch_type == "removed" and one.standing < STANDS]
-    gone = np.isin(prior.building.elements.guid, removed)
-    gone |= filling(prior.building, gone)
-    gone[hidden] = False
-    if gone.any():
-        prior = remains_of(prior, gone)
-    unknown = [one.added.view.points[one.added.view.apart > 0.15] for one in looked]
+def _views(prior: Prior, placed: list[Placed], looked: list[Looked], hidden: np.ndarray) -> list[Pose | None]:
+    """For the sensor of the scan that is nearest, in what remains, with all else that any robot saw standing there."""
+    seen = np.concatenate([one.added.view.points for one in looked])
+    unknown = seen[clearance(prior.scene, seen, UNKNOWN) >= UNKNOWN]
     stands = tuple(stand_of(fit.scan, one.rays, one.levels[0]) for fit, one in zip(placed, looked, strict=True))
-    stage = Stage(prior.building, prior.scene, np.concatenate(unknown), stands)
+    stage = Stage(prior.building, prior.scene, unknown, stands)
     found = []
     for view in next_views(stage, hidden):
         if view is None:

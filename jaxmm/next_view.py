@@ -43,8 +43,8 @@ class Stand(NamedTuple):
 class Stage(NamedTuple):
     """What is known of a building before the next scan."""
 
-    building: Building  # without what is gone
-    scene: TriangleScene  # of it
+    building: Building
+    scene: TriangleScene  # what of it is not gone
     obstacles: np.ndarray  # (N, 3) float32 [m] what stands there and the building does not know
     stands: tuple[Stand, ...]  # of all scans, at least one
 

@@ -70,9 +70,9 @@ def _with_odds(share: np.ndarray, odds: np.ndarray) -> np.ndarray:
 def by_width(share: np.ndarray, candidate: Candidate, known: KnownBuilding, settings: SolidSettings) -> np.ndarray:
     """The probabilities (3,) of nothing, a pillar and a wall, moved to the last where a lone face is wide for a column.
 
-    A building of many walls, whose columns are less than half as wide, or that has none, hardly gets one that is as
-    wide as a piece of wall; where two sides are seen, its shape tells. Of few walls, as of one room, it says nothing
-    that there is no such column yet.
+    A building of many walls, whose columns are at most half as wide, or that has none, hardly gets one that is as wide
+    as a piece of wall; where two sides are seen, its shape tells. Of few walls, as of one room, it says nothing that
+    there is no such column yet.
 
     Args:
         share: (3,) as the judge has them.
@@ -88,26 +88,6 @@ def by_width(share: np.ndarray, candidate: Candidate, known: KnownBuilding, sett
     if first.face is None or candidate.crossing is not None or first.face.length <= settings.widest_column:
         return share
     return _with_odds(share, share[1:] / [settings.seldom_wider, 1.0])
-
-
-def by_shape(share: np.ndarray, pillar: Solid | None, known: KnownBuilding, settings: SolidSettings) -> np.ndarray:
-    """The probabilities (3,) of nothing, a pillar and a wall, moved to the last where a section is a wall's.
-
-    By EN 1992-1-1, 5.3.1 (7), a column is no deeper than four times its width; what is deeper is a wall, but in a
-    building that calls such things columns. The rooms that the judge learnt from have none, free and short.
-
-    Args:
-        share: (3,) as the judge has them.
-        pillar: what it would be as a pillar; None where its shape tells nothing.
-        known: its columns.
-        settings: how deep they are, how seldom deeper.
-    """
-    deepest = settings.deepest_column
-    if pillar is None or not all(pillar.measured) or max(pillar.edges) < deepest * min(pillar.edges):
-        return share
-    if any(max(sides) >= deepest * min(sides) for *sides, _ in known.columns):
-        return share
-    return _with_odds(share, share[1:] / [settings.seldom_deeper, 1.0])
 
 
 def _likelier(sizes: tuple[tuple, ...], sides: int, settings: SolidSettings) -> float:

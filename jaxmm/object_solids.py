@@ -22,10 +22,8 @@ class SolidSettings(CandidateSettings):
     familiar: float = 0.8  # share of new columns, and short walls, that have the size of one of their building
     end_on: float = 100.0  # how many times seldomer a wall shows its end alone than a column looks like that
     many_walls: int = 16  # from so many on, a building seems to have no other columns than it has
-    widest_column: float = 0.95  # of a lone face, in such a building, if its own are less than half as wide
+    widest_column: float = 0.95  # of a lone face, in such a building, if its own are at most half as wide
     seldom_wider: float = 100.0  # how many times seldomer it gets wider ones than the rooms that the judge learnt from
-    deepest_column: float = 4.0  # in its own widths, where both are seen; what is deeper is a wall
-    seldom_deeper: float = 1000.0  # how many times seldomer a column is deeper than the judge has it
     least_width: float = 0.15  # of a lone face that goes on unseen; less tells nothing of its shape
 
 

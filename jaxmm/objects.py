@@ -19,7 +19,7 @@ from jaxmm.building_own import habits_around
 from jaxmm.object_candidates import Candidate, candidates_of
 from jaxmm.object_clues import CLUES, ONTO, Opinions, Surroundings, clues_of
 from jaxmm.object_ends import Look, as_all_rays_show
-from jaxmm.object_familiar import by_shape, by_size, by_width
+from jaxmm.object_familiar import by_size, by_width
 from jaxmm.object_finish import Rays
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.object_levels import levels_of
@@ -149,7 +149,6 @@ def _solids(
         return solid_of(seen, one, is_wall, settings, known, thinned)
 
     share = by_width(share, one, known, settings)
-    share = by_shape(share, made(False), known, settings)
     if known.columns or known.short_walls:
         share = by_size(share, one, made(False), known, settings, lambda: _off_grid(seen, made(True), known))
     nothing, pillar, wall = share

@@ -10,7 +10,7 @@ import numpy as np
 from jaxmm import hindsight
 from jaxmm.boxes import Box
 from jaxmm.building_sighting import Sighting, sight
-from jaxmm.evidence import SUPPORT, THROUGH, View
+from jaxmm.evidence import SUPPORT, View
 from jaxmm.hanging import FILLINGS, scene_of
 from jaxmm.hindsight import APART
 from jaxmm.judging import Judges, Side, judge
@@ -61,12 +61,12 @@ def look_past_what_is_gone(
         limits: when they are.
 
     Returns:
-        Both; None for the scans where nothing is gone, or everything.
+        Both; None for the scans where nothing is gone, or everything at once.
     """
     nothing = np.zeros(len(prior.scene.triangles.semantic), bool)
     views = [Past(says, one.removed, nothing) for one, says in zip(looked, told, strict=True)]
     while True:
-        gone = _gone(prior.building, verdicts_of([one.told for one in views], limits), classes)
+        gone = gone_of(prior.building, verdicts_of([one.told for one in views], limits), classes)
         again = [_asked_again(prior, one, view, gone, judges, limits) for one, view in zip(looked, views, strict=True)]
         if all(new is old for new, old in zip(again, views, strict=True)):
             break
@@ -80,8 +80,8 @@ def look_past_what_is_gone(
     return past, [one.told for one in views]
 
 
-def _gone(building: Building, verdicts: list[Verdict], classes: list[int]) -> np.ndarray:
-    """(E,) bool: walls and columns that are removed."""
+def gone_of(building: Building, verdicts: list[Verdict], classes: list[int]) -> np.ndarray:
+    """(E,) bool: walls and columns, of the semantic classes that are asked for, that are removed."""
     wanted = np.isin(building.triangles.semantic, list(KINDS)) & np.isin(building.triangles.semantic, classes)
     return np.array([one.verdict == REMOVED for one in verdicts]) & wanted
 
@@ -103,10 +103,9 @@ def filling(building: Building, chosen: np.ndarray) -> np.ndarray:
 
 
 def remains_of(prior: Prior, gone: np.ndarray) -> Prior:
-    """The building and its surface without some (E,) bool of the elements, not all; they keep their numbers."""
+    """The prior whose surface lacks some (E,) bool of the elements, not all."""
     triangles = prior.scene.triangles
-    scene = scene_of(triangles, ~gone[triangles.element])
-    return prior._replace(scene=scene, building=prior.building._replace(triangles=scene.triangles))
+    return prior._replace(scene=scene_of(triangles, ~gone[triangles.element]))
 
 
 def _asked_again(
@@ -116,7 +115,7 @@ def _asked_again(
     fresh = gone & is_seen(view.told.rays, limits) & ~view.gone
     if not fresh.any():
         return view
-    now = view.gone | (fresh & ~_wait(prior, one, view.told, fresh))
+    now = view.gone | (fresh & ~_wait(prior, one.rays, fresh))
     now |= filling(prior.building, now)
     if now[prior.scene.triangles.element].all():
         return view
@@ -131,16 +130,16 @@ def _asked_again(
     return Past(told_of(reached, side.view.element, side.view.count, side.probability), side, now, seen)
 
 
-def _wait(prior: Prior, one: Looked, told: Told, fresh: np.ndarray) -> np.ndarray:
-    """(E,) bool: of what is gone, that of which the others hid more than they left; none where all of it would wait.
+def _wait(prior: Prior, rays: ScanRays, fresh: np.ndarray) -> np.ndarray:
+    """(E,) bool: of what is gone, that of which a part may stand; where that is all, none, so that rounds end.
 
     By the edge of a wall that shows beside another nobody knows whether the rest, behind that, stands.
     """
-    waits, tells = np.zeros(len(fresh), bool), told.rays[:, [THROUGH, SUPPORT]].sum(axis=1)
-    for row in np.flatnonzero(fresh) if fresh.sum() > 1 else ():
-        alone = hindsight.of_element(prior.scene, int(row), one.rays)
-        waits[row] = alone.tell + alone.deny > HID * tells[row]
-    return waits & bool((fresh & ~waits).any())
+    waits = np.zeros(len(fresh), bool)
+    if fresh.sum() > 1:
+        rows = np.flatnonzero(fresh)
+        waits[rows] = [hindsight.of_element(prior.scene, int(row), rays).standing >= STANDS for row in rows]
+    return waits & (fresh & ~waits).any()
 
 
 def _some(side: Side, chosen: np.ndarray) -> Side:
