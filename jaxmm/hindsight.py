@@ -46,6 +46,17 @@ def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
     return Alone(int(meets.sum()), int((back & (apart > APART)).sum()), int((np.abs(apart) <= BASE_MARGIN).sum()))
 
 
+def fewest_beyond(scene: TriangleScene, element: int, rays: ScanRays, off: float) -> int:
+    """Rays beyond an element that is held for removed, from `off` [m] to its left or to its right: of both the fewer.
+
+    One at the edge of the view, or behind that of another thing, is met or not by where exactly the sensor was.
+    """
+    corners = scene.triangles.vertices[scene.triangles.faces[scene.triangles.element == element]].reshape(-1, 3)
+    x, y = (corners.min(axis=0) + corners.max(axis=0))[:2] / 2 - rays.position[:2]
+    aside = off * np.array([-y, x, 0.0]) / max(float(np.hypot(x, y)), 1e-6)
+    return min(of_element(scene, element, rays._replace(position=rays.position + way * aside)).tell for way in (-1, 1))
+
+
 def of_box(box: Box, expected: np.ndarray, rays: ScanRays, face: np.ndarray | None = None) -> Alone:
     """A new object: rays that end on it before the prior tell, rays through its core deny.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmm.config import bounded
 from jaxmm.inputs import InputError
-from jaxmm.registration import Registration, register
+from jaxmm.registration import MOST_LEFT, Registration, register
 from jaxmm.scan_rays import PosedScan
 
 MOST_POINTS = 60_000  # that a scan is registered by; it is thinned to one in 0.1 m anyway
@@ -163,6 +163,11 @@ def _doubts(found: Registration, shift: float, limits: FitLimits) -> tuple[str, 
         moved = (
             f"the one wall that may match lies {found.held.left:.2f} m off the prior's, and is taken for new, or "
             "moved; if it is the scan's pose that is off by that much, give a better one",
+        )
+    elif found.left > MOST_LEFT:
+        moved = (
+            f"{found.left:.0%} of what lies closely on walls from the pose that was believed is on none when moved by "
+            f"{shift:.2f} m: was its pose so far off? If not, something else moved, and is found with --no-refine",
         )
     elif found.overlap_before < limits.least_overlap:  # a new wall that fills the view fits any old one near by
         moved = (

@@ -26,6 +26,7 @@ from warp_scanner.voxels import thin_clouds
 
 VOXEL = 0.1  # [m] to which a cloud is thinned
 SHORT, SLENDER = 1.6, 2.0  # [m], times its thickness: a wall no longer, and no shorter, may pass for a pillar
+FACADE = ("IfcCurtainWall", "IfcPlate", "IfcMember")
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
 
 
@@ -87,7 +88,15 @@ def kind_of(path: Path) -> str:
 def prior_of_building(building: Building) -> Prior:
     """A building that was read, ready for rays."""
     scene = prepare(building.triangles)
-    return Prior(building.origin, tuple(remarks(building)), building, scene, known=_known(building))
+    notes = (*remarks(building), *_unasked(building))
+    return Prior(building.origin, notes, building, scene, known=_known(building))
+
+
+def _unasked(building: Building) -> list[str]:
+    """That nobody tells of curtain walls, where the building has any."""
+    count = sum(one in FACADE for one in building.elements.ifc_class)
+    told = f"note: {count} elements are of the classes {', '.join(FACADE)}: rays meet them, but they get no verdict"
+    return [told] if count else []
 
 
 def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:

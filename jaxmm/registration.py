@@ -19,6 +19,7 @@ NEIGHBOURS = 15  # that tell the normal of a point
 # Reaches [m] within which points are matched, one after the other; which is right depends on how far off the start is.
 LADDERS = ((0.2, 0.1), (0.5, 0.2, 0.1), (1.0, 0.5, 0.2, 0.1))
 CUT = 0.1  # [m] farther off a surface, a point counts as no match
+CLOSE = 0.03  # [m] off it, up to which it may be exactly where it is believed to be
 UPRIGHT = 0.3  # a surface whose normal rises by less stands
 ALIKE = 0.9  # cosine of the angle between the normals of one surface, at least
 BELIEVED = (0.1, 0.1, 0.1, 0.05, 0.05, 0.05)  # [m, rad] standard deviations of the start
@@ -26,6 +27,7 @@ EXACT = (0.02, 0.02, 0.02, 0.01, 0.01, 0.01)  # the same of a start that fits as
 AS_CLOSE = (1.2, 0.004)  # times, plus [m]: as far off as walls may lie at such a start, of what they lie after a motion
 LEAST_SHARE = 0.1  # of the points on walls, and
 LEAST_WALLS = 30  # points, that must match walls to tell so
+MOST_LEFT = 0.5  # share of what lies closely on walls at the start, that is on none after a motion to believe
 FAR = 0.01  # cost of a motion by one standard deviation, in shares of points that match
 WORTH = 0.02  # neighbouring points err alike: so many independent ones is each worth
 LONE_SHIFT, LONE_TURN = 0.3, 0.01  # [m, rad] least step in plan that a lone wall is not believed for, and most turn
@@ -58,6 +60,7 @@ class Registration(NamedTuple):
     closely: float  # `upright` less what may match by chance: 0 where that may be all but a few points
     lone: float = 0.0  # share of its points that lie on one upright plane
     held: Held | None = None  # where a lone wall moves it far
+    left: float = 0.0  # share of its points that lay closely on walls at the start, that lie on none any more
 
 
 class _Fit(NamedTuple):
@@ -66,6 +69,11 @@ class _Fit(NamedTuple):
     off: np.ndarray  # (N,) [m] off the surface next to each, inf where none is near
     wall: np.ndarray  # (N,) bool: points on walls and the like
     on_wall: np.ndarray  # (N,) bool: of those, the points that match a wall
+
+    @property
+    def close(self) -> np.ndarray:
+        """(N,) bool: points that lie upon the prior as those of an exact pose do."""
+        return np.abs(self.off) < CLOSE
 
     @property
     def overlap(self) -> float:
@@ -125,7 +133,7 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
     start = _fit(cloud, normals, np.eye(4))
     best = _cheapest(cloud, motions, BELIEVED)
     if _fits_as_it_is(start, _fit(cloud, normals, best)):
-        best = _cheapest(cloud, motions, EXACT)
+        best = _cheapest(cloud, motions, EXACT, CLOSE)
     found = _fit(cloud, normals, best)
     about = _shifted(centre) @ best @ _shifted(-centre)
     asked = found
@@ -141,7 +149,7 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
         held = Held(_shifted(centre) @ kept @ _shifted(-centre), left, fit.residual, fit.overlap)
     return Registration(
         about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely,
-        _on_one_plane(cloud[0], normals), held,
+        _on_one_plane(cloud[0], normals), held, _left(start, found),
     )  # fmt: skip
 
 
@@ -183,15 +191,25 @@ def _fit(cloud: tuple, normals: np.ndarray, motion: np.ndarray) -> _Fit:
 
 
 def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
-    """Whether the walls that match at the start lie as closely there as any do after the best motion.
+    """Whether the walls that match at the start lie as closely there as any do after the best motion, or as many do.
 
     A pose that is off is off in more directions than the one which a missing wall leaves open: then what stands behind
-    that wall is no reason to move the scan onto its place.
+    that wall is no reason to move the scan onto its place. Nor is a wall that moved where most of what lies closely at
+    the start, as a column before it, would lie upon nothing any more.
     """
+    close = int(np.sum(start.on_wall & start.close))
+    if (close >= LEAST_WALLS and close >= np.sum(best.on_wall & best.close)) or _left(start, best) > MOST_LEFT:
+        return True
     if start.on_wall.sum() < LEAST_WALLS or start.upright < LEAST_SHARE or not best.on_wall.any():
         return False
     before, after = (float(np.sqrt(np.mean(np.square(fit.off[fit.on_wall])))) for fit in (start, best))
     return before <= AS_CLOSE[0] * after + AS_CLOSE[1]
+
+
+def _left(start: _Fit, best: _Fit) -> float:
+    """Share of the points closely on walls at the start that a motion leaves on none; 0 where they are too few."""
+    close = start.on_wall & start.close
+    return float(np.mean(~best.on_wall[close])) if close.sum() >= LEAST_WALLS else 0.0
 
 
 def _by_a_lone_wall(points: np.ndarray, normals: np.ndarray, found: _Fit, motion: np.ndarray) -> bool:
@@ -224,14 +242,14 @@ def _on_one_plane(points: np.ndarray, normals: np.ndarray) -> float:
     return max(map(share, tried), default=0.0)
 
 
-def _cheapest(cloud: tuple, motions: list[np.ndarray], believed: tuple[float, ...]) -> np.ndarray:
-    """The motion that fits best: matching points cost 0 to 1, others 1 wherever they are, and far motions more.
+def _cheapest(cloud: tuple, motions: list[np.ndarray], believed: tuple[float, ...], cut: float = CUT) -> np.ndarray:
+    """The motion that fits best: points up to `cut` [m] off cost 0 to 1, others 1 wherever they are, far motions more.
 
     Without the latter, a wall that was removed draws what is seen behind it to its place.
     """
 
     def cost(motion: np.ndarray) -> float:
-        off = np.mean(np.minimum(np.square(_off(cloud, motion)[0] / CUT), 1.0))
+        off = np.mean(np.minimum(np.square(_off(cloud, motion)[0] / cut), 1.0))
         return float(off + FAR * np.sum(np.square(_step_of(motion) / believed)))
 
     return min(motions, key=cost)

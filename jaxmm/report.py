@@ -15,6 +15,9 @@ from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, STANDS, UNSCANNED, VERDIC
 
 Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
 MOST_NAMED = 5  # in notes on elements
+# Of a present element of which a part may be gone: share of the rays that tell of it, that pass, and how many at least.
+# In 1,001 verdicts of unchanged rooms and buildings, scanned as built, 8 elements have more.
+GONE, LEAST_THROUGH = 0.2, 100
 PLURAL = {"wall": "walls", "pillar": "pillars"}
 
 
@@ -155,18 +158,33 @@ def nothing_present(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
 
 
 def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
-    """What a reader must know: that no element is present, and of which removed ones a part may stand."""
+    """What a reader must know: that no element is present, and what may stand, or be gone, in part."""
     known = {one.guid: one for one in elements}
-    found = [one for one in mismatches if one.mismatch_type == "removed" and one.standing >= STANDS]
-    lines = []
-    for one in found[:MOST_NAMED]:
+    gone = [one for one in mismatches if one.mismatch_type == "removed" and one.standing >= STANDS]
+    stands = []
+    for one in gone:
         told = known.get(one.element)
         what = f"{told.ifc_class or 'element'} {told.name!r}" if told else "element"
         ends = f"{one.standing:.0%} of the rays that tell of it end on it"
-        lines.append(f"{what} ({one.element}) is told to be removed, but {ends}: a part of it may stand")
-    if len(found) > MOST_NAMED:
-        lines.append(f"of {len(found) - MOST_NAMED} more removed elements a part may stand, too")
-    return (*nothing_present(elements), *lines)
+        stands.append(f"{what} ({one.element}) is told to be removed, but {ends}: a part of it may stand")
+    holes = []
+    for one in elements:
+        through, support = one.rays[:2]
+        if one.verdict == PRESENT and through >= max(LEAST_THROUGH, GONE * (through + support)):
+            passes = f"{through / (through + support):.0%} of the rays that tell of it pass through its place"
+            what = f"{one.ifc_class or 'element'} {one.name!r} ({one.guid})"
+            holes.append(f"{what} is told to be present, but {passes}: a part of it may be gone")
+    return (
+        *nothing_present(elements),
+        *_first(stands, "removed elements a part may stand, too"),
+        *_first(holes, "present elements a part may be gone, too"),
+    )
+
+
+def _first(lines: list[str], others: str) -> list[str]:
+    """As many of some lines as are named, and how many others there are."""
+    more = len(lines) - MOST_NAMED
+    return lines if more <= 0 else [*lines[:MOST_NAMED], f"of {more} more {others}"]
 
 
 def box_of(mismatch: Mismatch) -> Box:

@@ -10,8 +10,8 @@ VERDICT_WORDS: dict[str, str] = {
         "tell. It may be there or not: look again, from the proposed viewpoint where there is one."
     ),
     UNSCANNED: (
-        "No ray of the scanner could reach the element: it is out of view or range, or behind other parts of the "
-        "building that may still stand. Nothing is said of it."
+        "As the model has it, no ray of the scanner would reach the element: it is out of view or range, or behind "
+        "other parts of the building, of which none is told to be removed. Nothing is said of it."
     ),
 }
 # Of a place of the model, in the order of evidence.FRACTIONS.

@@ -32,6 +32,14 @@ def test_sizes_are_the_buildings_own_however_it_is_turned():
     assert prior.known.columns[0][:2] == pytest.approx((0.3, 0.4)) and prior.has_elements
 
 
+def test_parts_of_curtain_walls_are_named_as_what_gets_no_verdict():
+    building = building_of_room(walls_and_columns(), 0)[0]
+    assert not any("verdict" in note for note in prior_of_building(building).notes)
+    table = building.elements._replace(ifc_class=("IfcPlate", "IfcWall", "IfcMember", "IfcColumn"))
+    (note,) = (one for one in prior_of_building(building._replace(elements=table)).notes if "verdict" in one)
+    assert note.startswith("note: 2 elements are of the classes IfcCurtainWall, IfcPlate, IfcMember")
+
+
 def test_sizes_are_known_to_the_millimetre_and_counted_by_the_centimetre():
     """Bricks are 0.115 m wide: rounded to a centimetre, a new wall would be told too thick, as measured."""
     table = walls_and_columns()

@@ -136,3 +136,37 @@ def test_few_points_on_walls_or_none_tell_nothing():
     for count in (0, LEAST_WALLS - 1, LEAST_WALLS):
         wall = np.arange(1000) < count
         assert _Fit(np.zeros(1000), wall, wall).closely == float(count >= LEAST_WALLS)
+
+
+def before_a_wall(off):
+    """A wall, that far off its place at 3 m [m], the floor, and a square column at 2 m, of which two sides show."""
+    front = plane(2.0, 0.5)
+    side = np.column_stack([front[:, 1] + 2.25, np.full(len(front), 0.25), front[:, 2]])
+    x, y = np.meshgrid(np.arange(0.5, 3.0, 0.05), np.arange(-3.0, 3.0, 0.05))
+    floor = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -1.25)])
+    return np.concatenate([plane(3.0 + off, 6.0), front, side, floor])
+
+
+@pytest.mark.parametrize("off", [-0.4, -0.25, 0.2, 0.25, 0.3])
+def test_a_wall_that_moved_moves_no_scan_off_a_column_that_did_not(off):
+    found = register(before_a_wall(off), before_a_wall(0.0), np.zeros(3))
+    np.testing.assert_allclose(found.motion, np.eye(4), atol=0.02)
+    assert found.left < 0.1
+
+
+@pytest.mark.parametrize("off", [[0.25, 0.1, 0.0], [-0.3, 0.0, 0.02], [0.02, 0.01, 0.0], [0.0, 0.06, 0.0]])
+def test_where_all_is_off_it_is_the_pose(off):
+    found = register(before_a_wall(0.0) + off, before_a_wall(0.0), np.zeros(3))
+    np.testing.assert_allclose(found.motion[:3, 3], -np.array(off), atol=0.03)
+    assert found.left < 0.5
+
+
+@pytest.mark.parametrize("off", [0.06, 0.08, 0.1, 0.12])
+def test_a_lining_before_a_wall_moves_no_scan_half_the_way(off):
+    """What lies exactly where it is believed to be does not lie between two places afterwards."""
+    wall, lining = plane(3.0, 6.0), plane(3.0 - off, 6.0)
+    behind, few = plane(-3.0, 6.0), wall[np.abs(wall[:, 1]) > 2.0]
+    aside = behind[:, [1, 0, 2]]
+    prior = np.concatenate([wall, aside, behind])
+    scan = np.concatenate([few, lining[np.abs(lining[:, 1]) < 2.0], aside, behind])
+    np.testing.assert_allclose(register(scan, prior, np.zeros(3)).motion, np.eye(4), atol=0.01)

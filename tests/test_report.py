@@ -241,6 +241,22 @@ def test_notes_tell_of_which_removed_elements_a_part_may_stand():
     assert len(many) == 6 and "75 more" in many[-1]
 
 
+def test_notes_tell_of_which_present_elements_a_part_may_be_gone():
+    def there(through, support, name="wall"):
+        return ElementVerdict(name, "IfcWall", "north", "", "present", 0.1, 50, (through, support, 9, 9))
+
+    (line,) = notes_on((), (there(100, 400),))
+    assert line == (
+        "IfcWall 'north' (wall) is told to be present, but 20% of the rays that tell of it pass through its place: "
+        "a part of it may be gone"
+    )
+    assert notes_on((), (there(99, 101), there(100, 401))) == ()
+    hidden = there(300, 300)._replace(verdict="occluded")
+    assert notes_on((), (hidden, there(0, 50))) == ()
+    many = notes_on((), tuple(there(300, 400, str(number)) for number in range(8)))
+    assert len(many) == 6 and many[-1] == "of 3 more present elements a part may be gone, too"
+
+
 def test_its_text_is_one_line_without_arrays():
     detection = random_detection(3)
     assert repr(detection) == str(detection) == f"<Detection: {detection.summary()}>"

@@ -1,0 +1,8 @@
+"""`python -m jaxmm`: the command line."""
+
+import sys
+
+from jaxmm.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
