@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm import hindsight
 from jaxmm.boxes import MISMATCH_TYPES
 from jaxmm.building_sighting import passed_by, sight, surfaces_along
 from jaxmm.cloud_comparison import compare, visible
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.hanging import without_hanging
+from jaxmm.hindsight import for_sure
 from jaxmm.inputs import InputError
 from jaxmm.judging import Judges, Side, judge, unjudged
 from jaxmm.mismatches import Looked, mismatches_of, shown_by_each
@@ -26,14 +26,13 @@ from jaxmm.remaining import filling, gone_of, look_past_what_is_gone, remains_of
 from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on
 from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
-from jaxmm.verdicts import OCCLUDED, UNSCANNED, VERDICTS, Told, Verdict, is_seen, told_of, verdicts_of
+from jaxmm.verdicts import OCCLUDED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
 from warp_scanner.building_poses import away_from
 from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
 from warp_scanner.sensors import Pinhole
 from warp_scanner.triangles import clearance
 
 UNKNOWN = 0.15  # [m] from what remains of the model, from which on something else stands there
-ESTIMATE_OFF = 0.05  # [m] by which an estimated pose may be off
 LEAST_TOLD = 0.0005  # share of the points left out of a scan that is worth a word
 SEMANTIC = {"wall": WALL, "column": PILLAR, "door": DOOR, "window": WINDOW, "slab": FLOOR}
 
@@ -82,15 +81,12 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         except (InputError, ValueError) as error:
             raise InputError(f"{scan.file}: {error}") from error
         looked.append(of_building_only(prior, found) if is_out else found)
-        told.append(_for_sure(prior, found.rays, scan, says, settings))
-    past_gone = None
+        told.append(says)
+    told, past_gone = _for_sure(prior, looked, scans, told, settings), None
     if prior.has_elements and settings.preset != "thesis":
         classes = [SEMANTIC[name] for name in settings.classes]
         past_gone, told = look_past_what_is_gone(prior, looked, told, judges, classes, settings.verdicts)
-        told = [
-            _for_sure(prior, one.rays, scan, says, settings)
-            for one, scan, says in zip(looked, scans, told, strict=True)
-        ]
+        told = _for_sure(prior, looked, scans, told, settings)
     timing["evidence"] = time.perf_counter() - start - sum(timing.values())
     verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
     wanted = _of_classes(prior, verdicts, settings)
@@ -175,16 +171,13 @@ def look_at(
 
 
 def _for_sure(
-    prior: Prior, rays: ScanRays, scan: NamedScan, told: Told | None, settings: DetectSettings
-) -> Told | None:
-    """What a scan tells, without what looks removed only from exactly there, if its pose is estimated."""
-    if told is None or scan.deviation is None:
-        return told
-    limits, counts, logit = settings.verdicts, told.rays.copy(), told.logit.copy()
-    for row in np.flatnonzero(is_seen(told.rays, limits) & (told.logit > 0.0)):
-        if hindsight.fewest_beyond(prior.scene, int(row), rays, ESTIMATE_OFF) < limits.least_rays:
-            counts[row], logit[row] = 0, np.nan
-    return told._replace(rays=counts, logit=logit)
+    prior: Prior, looked: list[Looked], scans: list[NamedScan], told: list[Told | None], settings: DetectSettings
+) -> list[Told | None]:
+    """What scans tell; those whose pose is estimated, of what is gone only what they would tell from beside, too."""
+    return [
+        says if says is None or scan.deviation is None else for_sure(prior.scene, one.rays, says, settings.verdicts)
+        for one, scan, says in zip(looked, scans, told, strict=True)
+    ]
 
 
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxmm.boxes import Box, long_axis
 from jaxmm.evidence import BASE_MARGIN
 from jaxmm.scan_rays import ScanRays
+from jaxmm.verdicts import Told, VerdictSettings, is_seen
 from warp_scanner.scan import Rays, cast_rays
 from warp_scanner.scenes import BOX, CYLINDER, Primitives
 from warp_scanner.triangles import TriangleScene, cast_triangles
@@ -19,6 +20,7 @@ APART = 0.1  # [m] ranges must differ by more for a ray to tell
 OFF = 0.25  # [m] a fitted box may be off by
 ENDS = 0.15  # [m] of its height next to its lower and its upper end
 BESIDE = 0.06  # [m] along a face, thinned to 0.1 m: so near to a place where it is seen it is seen, too
+BESIDE_POSE = 0.05  # [m] by which an estimated pose may be off
 CORE = 0.6  # of a box's edges: rays through this much of it cannot have grazed it by a misfit
 
 
@@ -46,14 +48,23 @@ def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
     return Alone(int(meets.sum()), int((back & (apart > APART)).sum()), int((np.abs(apart) <= BASE_MARGIN).sum()))
 
 
-def fewest_beyond(scene: TriangleScene, element: int, rays: ScanRays, off: float) -> int:
-    """Rays beyond an element that is held for removed, from `off` [m] to its left or to its right: of both the fewer.
+def for_sure(scene: TriangleScene, rays: ScanRays, told: Told, limits: VerdictSettings) -> Told:
+    """What a scan tells, without what looks removed only from exactly where its pose, if estimated, has it.
 
-    One at the edge of the view, or behind that of another thing, is met or not by where exactly the sensor was.
+    An element at the edge of the view, or behind that of another thing, is met or not by where the sensor was.
     """
+    counts, logit = told.rays.copy(), told.logit.copy()
+    for row in np.flatnonzero(is_seen(told.rays, limits) & (told.logit > 0.0)):
+        if _fewest_beyond(scene, int(row), rays) < limits.least_rays:
+            counts[row], logit[row] = 0, np.nan
+    return told._replace(rays=counts, logit=logit)
+
+
+def _fewest_beyond(scene: TriangleScene, element: int, rays: ScanRays) -> int:
+    """Rays beyond an element, from BESIDE_POSE to the left or to the right of the sensor: of both the fewer."""
     corners = scene.triangles.vertices[scene.triangles.faces[scene.triangles.element == element]].reshape(-1, 3)
     x, y = (corners.min(axis=0) + corners.max(axis=0))[:2] / 2 - rays.position[:2]
-    aside = off * np.array([-y, x, 0.0]) / max(float(np.hypot(x, y)), 1e-6)
+    aside = BESIDE_POSE * np.array([-y, x, 0.0]) / max(float(np.hypot(x, y)), 1e-6)
     return min(of_element(scene, element, rays._replace(position=rays.position + way * aside)).tell for way in (-1, 1))
 
 
