@@ -133,7 +133,8 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
     start = _fit(cloud, normals, np.eye(4))
     best = _cheapest(cloud, motions, BELIEVED)
     if _fits_as_it_is(start, _fit(cloud, normals, best)):
-        best = _cheapest(cloud, motions, EXACT, CLOSE)
+        best = _cheapest(cloud, motions, EXACT)
+        best = _cheapest(cloud, [np.eye(4), best], EXACT, CLOSE)  # nor does what lies closely come off it
     found = _fit(cloud, normals, best)
     about = _shifted(centre) @ best @ _shifted(-centre)
     asked = found
