@@ -198,8 +198,8 @@ def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
     that wall is no reason to move the scan onto its place. Nor is a wall that moved where most of what lies closely at
     the start, as a column before it, would lie upon nothing any more.
     """
-    close = int(np.sum(start.on_wall & start.close))
-    if (close >= LEAST_WALLS and close >= np.sum(best.on_wall & best.close)) or _left(start, best) > MOST_LEFT:
+    upon, then = (int(np.sum(fit.on_wall & (np.abs(fit.off) < CLOSE / 2))) for fit in (start, best))
+    if (upon >= LEAST_WALLS and upon >= then) or _left(start, best) > MOST_LEFT:
         return True
     if start.on_wall.sum() < LEAST_WALLS or start.upright < LEAST_SHARE or not best.on_wall.any():
         return False
