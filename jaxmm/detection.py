@@ -82,11 +82,11 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
             raise InputError(f"{scan.file}: {error}") from error
         looked.append(of_building_only(prior, found) if is_out else found)
         told.append(says)
-    told, past_gone = _for_sure(prior, looked, scans, told, settings), None
+    past_gone = None
     if prior.has_elements and settings.preset != "thesis":
         classes = [SEMANTIC[name] for name in settings.classes]
         past_gone, told = look_past_what_is_gone(prior, looked, told, judges, classes, settings.verdicts)
-        told = _for_sure(prior, looked, scans, told, settings)
+    told = _for_sure(prior, looked, scans, told, settings)
     timing["evidence"] = time.perf_counter() - start - sum(timing.values())
     verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
     wanted = _of_classes(prior, verdicts, settings)
@@ -189,11 +189,7 @@ def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSe
 
 
 def _elements(
-    prior: Prior,
-    verdicts: list[Verdict],
-    placed: list[Placed],
-    looked: list[Looked],
-    settings: DetectSettings,
+    prior: Prior, verdicts: list[Verdict], placed: list[Placed], looked: list[Looked], settings: DetectSettings
 ) -> tuple[ElementVerdict, ...]:
     """The verdicts of the wanted classes, with a view to take next where one was hidden."""
     table, storeys = prior.building.elements, prior.building.storeys

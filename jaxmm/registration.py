@@ -19,7 +19,7 @@ NEIGHBOURS = 15  # that tell the normal of a point
 # Reaches [m] within which points are matched, one after the other; which is right depends on how far off the start is.
 LADDERS = ((0.2, 0.1), (0.5, 0.2, 0.1), (1.0, 0.5, 0.2, 0.1))
 CUT = 0.1  # [m] farther off a surface, a point counts as no match
-CLOSE = 0.03  # [m] off it, up to which it may be exactly where it is believed to be
+CLOSE, UPON = 0.03, 0.015  # [m] off it, up to which it lies closely, and as points of an exact pose do
 UPRIGHT = 0.3  # a surface whose normal rises by less stands
 ALIKE = 0.9  # cosine of the angle between the normals of one surface, at least
 BELIEVED = (0.1, 0.1, 0.1, 0.05, 0.05, 0.05)  # [m, rad] standard deviations of the start
@@ -70,10 +70,9 @@ class _Fit(NamedTuple):
     wall: np.ndarray  # (N,) bool: points on walls and the like
     on_wall: np.ndarray  # (N,) bool: of those, the points that match a wall
 
-    @property
-    def close(self) -> np.ndarray:
-        """(N,) bool: points that lie upon the prior as those of an exact pose do."""
-        return np.abs(self.off) < CLOSE
+    def upon(self, most: float) -> np.ndarray:
+        """(N,) bool: points that match a wall and are at most so far [m] off it."""
+        return self.on_wall & (np.abs(self.off) < most)
 
     @property
     def overlap(self) -> float:
@@ -198,8 +197,8 @@ def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
     that wall is no reason to move the scan onto its place. Nor is a wall that moved where most of what lies closely at
     the start, as a column before it, would lie upon nothing any more.
     """
-    upon, then = (int(np.sum(fit.on_wall & (np.abs(fit.off) < CLOSE / 2))) for fit in (start, best))
-    if (upon >= LEAST_WALLS and upon >= then) or _left(start, best) > MOST_LEFT:
+    now, then = (int(fit.upon(UPON).sum()) for fit in (start, best))
+    if (now >= LEAST_WALLS and now >= then) or _left(start, best) > MOST_LEFT:
         return True
     if start.on_wall.sum() < LEAST_WALLS or start.upright < LEAST_SHARE or not best.on_wall.any():
         return False
@@ -209,7 +208,7 @@ def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
 
 def _left(start: _Fit, best: _Fit) -> float:
     """Share of the points closely on walls at the start that a motion leaves on none; 0 where they are too few."""
-    close = start.on_wall & start.close
+    close = start.upon(CLOSE)
     return float(np.mean(~best.on_wall[close])) if close.sum() >= LEAST_WALLS else 0.0
 
 

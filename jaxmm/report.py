@@ -160,25 +160,34 @@ def nothing_present(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
 def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
     """What a reader must know: that no element is present, and what may stand, or be gone, in part."""
     known = {one.guid: one for one in elements}
-    gone = [one for one in mismatches if one.mismatch_type == "removed" and one.standing >= STANDS]
-    stands = []
-    for one in gone:
-        told = known.get(one.element)
-        what = f"{told.ifc_class or 'element'} {told.name!r}" if told else "element"
-        ends = f"{one.standing:.0%} of the rays that tell of it end on it"
-        stands.append(f"{what} ({one.element}) is told to be removed, but {ends}: a part of it may stand")
-    holes = []
-    for one in elements:
-        through, support = one.rays[:2]
-        if one.verdict == PRESENT and through >= max(LEAST_THROUGH, GONE * (through + support)):
-            passes = f"{through / (through + support):.0%} of the rays that tell of it pass through its place"
-            what = f"{one.ifc_class or 'element'} {one.name!r} ({one.guid})"
-            holes.append(f"{what} is told to be present, but {passes}: a part of it may be gone")
+    stands = [
+        f"{_named(known.get(one.element))} ({one.element}) is told to be removed, but {one.standing:.0%} of the rays "
+        "that tell of it end on it: a part of it may stand"
+        for one in mismatches
+        if one.mismatch_type == "removed" and one.standing >= STANDS
+    ]
+    holes = [
+        f"{_named(one)} ({one.guid}) is told to be present, but {_passed(one):.0%} of the rays that tell of it pass "
+        "through its place: a part of it may be gone"
+        for one in elements
+        if one.verdict == PRESENT and one.rays[0] >= LEAST_THROUGH and _passed(one) >= GONE
+    ]
     return (
         *nothing_present(elements),
         *_first(stands, "removed elements a part may stand, too"),
         *_first(holes, "present elements a part may be gone, too"),
     )
+
+
+def _named(one: ElementVerdict | None) -> str:
+    """Class and name of an element; None: of one that is told of without a verdict."""
+    return f"{one.ifc_class or 'element'} {one.name!r}" if one else "element"
+
+
+def _passed(one: ElementVerdict) -> float:
+    """Share of the rays that tell of an element, that pass through its place."""
+    through, support = one.rays[:2]
+    return through / max(through + support, 1)
 
 
 def _first(lines: list[str], others: str) -> list[str]:

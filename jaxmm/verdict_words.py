@@ -11,7 +11,7 @@ VERDICT_WORDS: dict[str, str] = {
     ),
     UNSCANNED: (
         "As the model has it, no ray of the scanner would reach the element: it is out of view or range, or behind "
-        "other parts of the building, of which none is told to be removed. Nothing is said of it."
+        "other parts of the building. Nothing is said of it."
     ),
 }
 # Of a place of the model, in the order of evidence.FRACTIONS.
