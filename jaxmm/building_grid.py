@@ -1,4 +1,4 @@
-"""The directions that a building stands along: most walls of it are parallel or at right angles.
+"""The directions that a building stands along: most walls of it are parallel or at right angles. And where it stands.
 
 U upright triangles. Plan: x and y of the frame of the building, metres.
 """
@@ -21,6 +21,7 @@ class Uprights(NamedTuple):
     area: np.ndarray  # (U,) [m^2]
     low: np.ndarray  # (U, 3) float32 [m] lowest coordinates of each triangle
     high: np.ndarray  # (U, 3) and highest
+    corners: np.ndarray  # (U, 3, 3) float32 [m] of each triangle
 
 
 def uprights_of(vertices: np.ndarray, faces: np.ndarray) -> Uprights:
@@ -31,7 +32,7 @@ def uprights_of(vertices: np.ndarray, faces: np.ndarray) -> Uprights:
     upright = np.abs(normal[:, 2]) < UPRIGHT * size
     normal, corners = normal[upright], corners[upright]
     turn = np.arctan2(normal[:, 1], normal[:, 0]) % QUARTER
-    return Uprights(turn, size[upright] / 2, corners.min(axis=1), corners.max(axis=1))
+    return Uprights(turn, size[upright] / 2, corners.min(axis=1), corners.max(axis=1), corners)
 
 
 def grid_near(uprights: Uprights, place: np.ndarray, floor: float, ceiling: float) -> float | None:
@@ -59,6 +60,33 @@ def grid_near(uprights: Uprights, place: np.ndarray, floor: float, ceiling: floa
     middle = near[np.searchsorted(total, total[-1] / 2)]  # a wall that is a degree off does not move it
     grid = float((best + 0.5) * step + off[middle]) % QUARTER
     return grid if grid < QUARTER else 0.0  # what is hardly below 0 comes back as a whole quarter turn
+
+
+def way_to_surface(uprights: Uprights, start: np.ndarray, along: np.ndarray, height: float) -> float:
+    """How far [m] it is level from a place to the upright surface of a building; infinite where none is met.
+
+    Args:
+        uprights: of the building.
+        start: (2,) [m] in plan.
+        along: (2,) unit vector.
+        height: [m] z of the way. Where triangles have a corner right at that height, they count as higher.
+    """
+    corners = uprights.corners[(uprights.low[:, 2] < height) & (uprights.high[:, 2] >= height)].astype(np.float64)
+    above = corners[:, :, 2] >= height
+    lone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)  # the corner on its side of that height
+    each = np.arange(len(corners))
+    tip = corners[each, lone]
+    cut = []
+    for step in (1, 2):
+        other = corners[each, (lone + step) % 3]
+        share = (height - tip[:, 2]) / (other[:, 2] - tip[:, 2])
+        cut.append(tip[:, :2] + share[:, None] * (other - tip)[:, :2] - start)
+    side = [one @ np.array([-along[1], along[0]]) for one in cut]
+    ahead = [one @ along for one in cut]
+    across = side[0] * side[1] <= 0.0
+    between = np.where(across, side[0] / np.where(side[0] == side[1], 1.0, side[0] - side[1]), 0.0)
+    way = ahead[0] + between * (ahead[1] - ahead[0])
+    return float(way[across & (way >= 0.0)].min(initial=np.inf))
 
 
 def off_grid(turn: np.ndarray | float, grid: float) -> np.ndarray:

@@ -78,14 +78,14 @@ def _wall(
 ) -> Solid | None:
     if candidate.first.circle is not None:  # the edge of a wall, whose two sides passed for a shaft
         face = face_through(sight.points[:, :2], candidate.members)
-        return wall_end_on(sight, candidate.first._replace(face=face, circle=None), settings)
+        return wall_end_on(sight, candidate.first._replace(face=face, circle=None), settings, known)
     side, shown = (max(one.pieces, key=lambda piece: piece.face.length) for one in (candidate, thinned))
     others = [piece for piece in candidate.pieces if piece is not side]
     least = settings.tolerance if ends_in_view(sight, side, settings) else settings.least_width
     if not others and side.face.length < least:
         return None
     if not any(_lies_beyond(side, piece, settings) for piece in others) and _is_end(sight, shown, settings):
-        return wall_end_on(sight, side, settings)._replace(members=candidate.members)
+        return wall_end_on(sight, side, settings, known)._replace(members=candidate.members)
     return wall_behind(sight, side, others, settings, known)
 
 

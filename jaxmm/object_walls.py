@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.building_grid import Uprights
+from jaxmm.building_grid import Uprights, way_to_surface
 from jaxmm.building_own import OwnElements
 from jaxmm.object_pieces import Piece, PieceSettings
 from jaxmm.object_shapes import Face
@@ -22,7 +22,7 @@ class KnownBuilding(NamedTuple):
     usual_wall: float = 0.0  # [m] half of the length of its walls is no thicker; 0 where nobody knows
     columns: tuple[tuple[float, float, bool], ...] = ()  # width and depth [m], and whether it is round
     short_walls: tuple[tuple[float, float], ...] = ()  # thickness and length [m] of those that may pass for pillars
-    uprights: Uprights | None = None  # its upright surface, which tells the directions that it stands along
+    uprights: Uprights | None = None  # its upright surface: the directions that it stands along, and where walls end
     own: OwnElements | None = None  # each of its walls and columns
 
 
@@ -76,7 +76,7 @@ def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSe
         wall: the face.
         others: its ends and its other face, which tell how thick it is.
         settings: what is assumed of it.
-        known: the building's own walls, of whose thickness it is where that fits.
+        known: the building's own walls, of whose thickness it is where that fits, and all that a wall can end at.
     """
     face = wall.face
     members = np.sort(np.concatenate([wall.members, *(piece.members for piece in others)]))
@@ -94,11 +94,17 @@ def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSe
     place = (offset @ face.along)[np.abs(depth) <= settings.most_thickness]
     low, high = float(place.min()), float(place.max())
     sides = [wall, *(piece for piece in others if is_back(wall, piece, settings))]
-    ends = [_continuation(sight, *_farthest(sides, face, way), settings) for way in (-1.0, 1.0)]
+    middle = face.center - wall.toward * thickness / 2
+    ends = []
+    for way, last in ((-1.0, low), (1.0, high)):
+        on = middle + (last - way * settings.tolerance) * face.along  # its end may be measured a little too far on
+        room = max(_room(sight, on, way * face.along, known) - settings.tolerance, 0.0)
+        seen_to = _continuation(sight, *_farthest(sides, face, way), settings)
+        ends.append(seen_to._replace(reach=min(seen_to.reach, room)))
     before, after = _made_up(high - low, ends, settings)
     low, high = low - before, high + after
     whole = all(one.reach < settings.shown for one in ends)
-    center = face.center + face.along * (low + high) / 2 - wall.toward * thickness / 2
+    center = middle + face.along * (low + high) / 2
     edges = np.array([high - low, thickness])
     return Solid("wall", "rectangular", center, edges, face.along, members, (whole, to_its_back))
 
@@ -113,13 +119,26 @@ def is_back(wall: Piece, piece: Piece, settings: WallSettings) -> bool:
     return bool(overlaps and depth.min() >= settings.least_thickness and depth.max() <= settings.most_thickness)
 
 
-def wall_end_on(sight: Sight, piece: Piece, settings: WallSettings) -> Solid:
-    """A wall behind its end, which is all that is seen of it: as thick as that, of the usual length."""
-    length, toward = settings.usual_length, piece.toward
+def wall_end_on(sight: Sight, piece: Piece, settings: WallSettings, known: KnownBuilding) -> Solid:
+    """A wall behind its end, which is all that is seen of it: as thick as that, and of the usual length.
+
+    It is shorter where its building has something behind it, halfway up.
+    """
+    toward = piece.toward
+    behind = settings.tolerance
+    room = behind + _room(sight, piece.face.center - behind * toward, -toward, known)
+    length = min(settings.usual_length, room)
     edges = np.array([length, max(piece.face.length, settings.least_thickness)])
     center = piece.face.center - toward * length / 2
     whole = piece.face.length >= settings.least_thickness and ends_in_view(sight, piece, settings)
     return Solid("wall", "rectangular", center, edges, toward, piece.members, (False, whole))
+
+
+def _room(sight: Sight, start: np.ndarray, along: np.ndarray, known: KnownBuilding) -> float:
+    """How far [m] a wall can go on from a place (2,) on its line before it comes upon what its building has there."""
+    if known.uprights is None:
+        return np.inf
+    return way_to_surface(known.uprights, start, along, (sight.floor + sight.ceiling) / 2)
 
 
 def ends_in_view(sight: Sight, piece: Piece, settings: WallSettings) -> bool:

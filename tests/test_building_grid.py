@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from jaxmm.building_grid import Uprights, grid_near, uprights_of
+from jaxmm.building_grid import Uprights, grid_near, uprights_of, way_to_surface
 
 STOREY = (-1.5, 1.5)
 HERE = np.zeros(2)
@@ -92,4 +92,37 @@ def test_without_upright_surface_there_is_none():
     level = trimesh.creation.box((4.0, 4.0, 1.0))
     level.update_faces(np.abs(level.face_normals[:, 2]) > 0.5)
     assert grid_near(of_mesh(level), HERE, *STOREY) is None
-    assert grid_near(Uprights(np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3))), HERE, *STOREY) is None
+    nothing = Uprights(np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3), np.float32))
+    assert grid_near(nothing, HERE, *STOREY) is None
+    assert way_to_surface(nothing, HERE, np.array([1.0, 0.0]), 0.0) == np.inf
+
+
+def test_the_way_to_a_surface_is_as_long_as_a_level_ray_of_embree_s_or_of_trimesh_s():
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        placed = [(rng.uniform(0.2, 4.0, 3), rng.uniform(0, 90), rng.uniform(-4, 4, 3)) for _ in range(12)]
+        meshes = []
+        for edges, turn, place in placed:
+            pose = trimesh.transformations.rotation_matrix(np.radians(turn), [0, 0, 1])
+            pose[:3, 3] = place
+            meshes.append(trimesh.creation.box(edges, pose))
+        mesh = trimesh.util.concatenate(meshes)
+        uprights = of_mesh(mesh)
+        angle = rng.uniform(-np.pi, np.pi, 40)
+        start, along = rng.uniform(-5, 5, (40, 3)), np.column_stack([np.cos(angle), np.sin(angle), np.zeros(40)])
+        place, ray, _ = mesh.ray.intersects_location(start, along, multiple_hits=False)
+        expected = np.full(40, np.inf)
+        expected[ray] = np.linalg.norm(place - start[ray], axis=1)
+        assert 5 < np.isfinite(expected).sum() < 40
+        found = [way_to_surface(uprights, *one) for one in zip(start[:, :2], along[:, :2], start[:, 2], strict=True)]
+        np.testing.assert_allclose(found, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "height, way", [(-1.4999, 2.0), (0.0, 2.0), (1.4999, 2.0), (1.5, 2.0), (1.5001, np.inf), (-1.5001, np.inf)]
+)
+def test_a_surface_is_met_from_its_foot_to_its_top(height, way):
+    wall = boxes(((0.2, 4.0, 3.0), 0.0, (2.1, 0.0)))
+    assert way_to_surface(wall, HERE, np.array([1.0, 0.0]), height) == pytest.approx(way, abs=1e-6)
+    assert way_to_surface(wall, HERE, np.array([-1.0, 0.0]), height) == np.inf
+    assert way_to_surface(wall, np.array([0.0, 2.1]), np.array([1.0, 0.0]), 0.0) == np.inf  # it passes by

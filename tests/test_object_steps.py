@@ -4,8 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+import trimesh
 from known_rooms import CEILING, FLOOR, NO_RAYS, SENSOR, judged, pillar, says, slab, wall
 
+from jaxmm.building_grid import uprights_of
 from jaxmm.object_candidates import candidates_of
 from jaxmm.object_clues import CLUES
 from jaxmm.object_levels import levels_of
@@ -48,6 +50,11 @@ def test_a_wall_is_one_around_its_window_and_what_stands_below_a_window_alone_is
     assert find_objects(judged(below, beside), judge=sure) == []
 
 
+def only(found, object_type):
+    assert [one.box.object_type for one in found] == [object_type]
+    return found[0].box
+
+
 @pytest.mark.parametrize(
     "thing, is_wall, measured",
     [
@@ -66,6 +73,31 @@ def test_what_is_measured_of_a_size_is_told_from_what_is_assumed(thing, is_wall,
     (found,) = find_objects(judged(thing), judge=says(0.02, 0.02, 0.96) if is_wall else says(0.02, 0.96, 0.02))
     wide = np.argsort(-found.box.dimensions[:2], kind="stable") if is_wall else (0, 1)
     assert tuple(found.measured[axis] for axis in (*wide, 2)) == measured
+
+
+@pytest.mark.parametrize("turn", [0.0, 30.0])
+@pytest.mark.parametrize("way", [0.25, 0.5, 0.9, 3.0, None])
+@pytest.mark.parametrize(
+    "x, y, yaw, shows_to, on",  # of one wall the picture ends 1 m before its end; of another its end alone shows
+    [(3.0, 2.4, 90.0, (3.0, 2.4), (0.0, 1.0)), (4.0, 0.0, 0.0, (3.0, 0.0), (1.0, 0.0))],
+)
+def test_what_is_made_up_of_a_wall_ends_at_what_its_building_has_there(x, y, yaw, shows_to, on, way, turn):
+    to_world = trimesh.transformations.rotation_matrix(np.radians(turn), [0, 0, 1])
+    known = KnownBuilding()
+    if way:  # what stands across its line so far beyond what shows of it
+        standing = trimesh.creation.box((0.2, 4.0, 3.0), trimesh.geometry.align_vectors([1, 0, 0], [*on, 0.0]))
+        standing.apply_translation([*(np.array(shows_to) + (way + 0.1) * np.array(on)), 1.5])
+        standing.apply_transform(to_world)
+        known = KnownBuilding(uprights=uprights_of(standing.vertices.astype(np.float32), standing.faces))
+    center = to_world[:2, :2] @ [x, y]
+    seen = judged(wall(*center, 2.0, 0.2, yaw + turn), poses=((*SENSOR, turn),))
+    box = only(find_objects(seen, judge=says(0.02, 0.02, 0.96), known=known), "wall")
+    first, usual = (-1.0, 1.0) if yaw else (0.0, 2.0)  # [m] from there
+    last = min(way or np.inf, usual)
+    place = (to_world[:2, :2].T @ box.center[:2] - shows_to) @ on
+    along = int(abs((box.rotation - turn - yaw + 90.0) % 180.0 - 90.0) > 45.0)
+    assert place == pytest.approx((first + last) / 2, abs=0.03)
+    assert box.dimensions[along] == pytest.approx(last - first, abs=0.05)
 
 
 def test_an_end_of_a_wall_that_has_more_points_than_the_wall_belongs_to_it():
