@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = (".", "paper", "benchmarks", "jaxmm/weights")
+FOLDERS = (".", "paper", "benchmarks", "jaxmm", "jaxmm/weights")
 TEXTS = sorted(path for folder in FOLDERS for path in (ROOT / folder).glob("*.md"))
 
 
