@@ -20,8 +20,9 @@ report: setup
 	$(BIN)/python -m paper.report --results runs/paper/results --out runs/paper/report.md --html runs/paper/report.html
 	$(BIN)/python -m paper.figures runs/paper --out runs/paper/figures
 
+# All but those that make whole runs again, notebooks, clusters and the paper's figures; `make test ALL=1` makes these, too.
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(ALL),,-m "not long")
 
 setup: .venv/current
 

@@ -51,7 +51,7 @@ resamples = 100
 ONE_RUN = ("test_reproduce.py", "test_cli.py", "test_cli_thesis.py", "test_thesis_rows.py")
 # These take longest, and come first: whoever is done early takes the short ones. Beside the one run begin those that
 # need no Warp, so that its kernels are compiled by one process, and once.
-LONG = (
+FIRST = (
     *ONE_RUN, "test_train.py", "test_joint.py", "test_fused.py", "test_fit.py",
     "test_notebooks.py", "test_engines.py", "test_generate.py", "test_cli_detect.py", "test_detect_files.py",
     "test_viewpoint.py", "test_paper_figures.py",
@@ -61,13 +61,13 @@ LONG = (
 
 
 def pytest_collection_modifyitems(items):
-    """The tests of files in LONG before all others; within a file they keep their order."""
-    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+    """The tests of files in FIRST before all others; within a file they keep their order."""
+    items.sort(key=lambda item: FIRST.index(item.path.name) if item.path.name in FIRST else len(FIRST))
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """What `--dist loadfile` does, but files in ONE_RUN count as one, and the order is that of LONG."""
+    """What `--dist loadfile` does, but files in ONE_RUN count as one, and the order is that of FIRST."""
     if config.getvalue("dist") != "loadfile":
         return None
     from xdist.scheduler import LoadFileScheduling

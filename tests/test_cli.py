@@ -177,6 +177,7 @@ def command(*arguments, file_limit=None, **options):
     return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stage, limit", [("data", 20_000), ("checkpoints/nn", 3_000), ("checkpoints/nn", 9_000)])
 def test_a_full_disk_is_one_line_and_leaves_nothing_half_written(a_run, tiny_config, stage, limit, tmp_path):
     """The system refuses to let files grow past a limit, which that stage is the first to need."""

@@ -39,7 +39,7 @@ def named(scan, file="scan"):
 def test_verdicts_agree_with_the_truth(judges):
     """Of walls in occluded rooms, one of which is gone: none is called what it is not, whatever hides it."""
     found = dict.fromkeys((PRESENT, REMOVED, OCCLUDED, UNSCANNED), 0)
-    for pairs, row, ids, prior, scan in room_cases("wall_removed", "occluded", UNSEEN_SEED, range(16)):
+    for pairs, row, ids, prior, scan in room_cases("wall_removed", "occluded", UNSEEN_SEED, range(10)):
         said = {one.guid: one for one in detect_scans(prior, [named(scan)], judges, AS_IS).elements}
         gone = pairs.box.element[row, 0]
         for number, guid in zip(ids, prior.building.elements.guid, strict=True):
@@ -49,7 +49,7 @@ def test_verdicts_agree_with_the_truth(judges):
                 if one.verdict == UNSCANNED:
                     assert not (pairs.dt.element[row] == number).any()
                 found[one.verdict] += 1
-    assert found[REMOVED] >= 12 and found[PRESENT] >= 12 and found[UNSCANNED] > 0
+    assert found[REMOVED] >= 7 and found[PRESENT] >= 7 and found[UNSCANNED] > 0
 
 
 def test_what_moved_is_two_mismatches_that_are_linked(judges):

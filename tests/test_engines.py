@@ -91,6 +91,7 @@ def test_without_ray_the_ray_engine_is_refused_and_the_local_one_works(config, t
     assert said(*arguments) == (0, ["generate pairs"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "127.0.0.1:99999"])
 def test_a_cluster_that_nobody_answers_for_is_refused(address, config, tmp_path, monkeypatch, refused):
     pytest.importorskip("ray", reason="needs the package ray")
@@ -100,6 +101,7 @@ def test_a_cluster_that_nobody_answers_for_is_refused(address, config, tmp_path,
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_an_address_of_something_else_than_ray_is_refused_soon(config, tmp_path, monkeypatch, refused):
     pytest.importorskip("ray", reason="needs the package ray")
     monkeypatch.setattr(ray_engine, "DEADLINE", 6.0)
@@ -112,6 +114,7 @@ def test_an_address_of_something_else_than_ray_is_refused_soon(config, tmp_path,
     assert time.monotonic() - begin < 30 and not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_a_cluster_of_this_machine_starts_without_a_word():
     pytest.importorskip("ray", reason="needs the package ray")
     hidden = ("RAY_ADDRESS", "RAY_BACKEND_LOG_LEVEL")
@@ -146,6 +149,7 @@ def contents(folder):
     return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.long
 def test_a_ray_cluster_gives_the_same_bits_though_a_worker_is_killed(cluster, config, tmp_path, monkeypatch):
     monkeypatch.setattr(generate, "PAIRS_PER_SHARD", SIZE)
     generate.generate(load(config), tmp_path / "expected", Request(COUNT, workers=1))
@@ -155,6 +159,7 @@ def test_a_ray_cluster_gives_the_same_bits_though_a_worker_is_killed(cluster, co
     assert (tmp_path / "killed").exists() and contents(tmp_path / "out") == contents(tmp_path / "expected")
 
 
+@pytest.mark.long
 def test_errors_of_a_ray_task_come_back_as_they_are(cluster, monkeypatch):
     with pytest.raises(InputError, match="room 0 is on fire"):
         list(ray_engine.results(fail, [(0,)]))

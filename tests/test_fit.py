@@ -114,6 +114,7 @@ def test_a_finished_run_is_not_trained_again(undisturbed):
 KILLED_RUN = "import pathlib, sys, test_fit\ntest_fit.run(pathlib.Path(sys.argv[1]))"
 
 
+@pytest.mark.long
 def test_a_killed_process_goes_on_to_the_same_bits(tmp_path, undisturbed):
     best, records, _, _ = undisturbed
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}

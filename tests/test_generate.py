@@ -102,9 +102,10 @@ def test_any_order_of_the_shards_gives_the_same_bits(config, expected, tmp_path,
     assert files(tmp_path / "out") == expected
 
 
+@pytest.mark.long
 def test_a_run_that_is_killed_again_and_again_ends_in_the_same_bits(config, expected, tmp_path):
     folder, rng = tmp_path / "out", np.random.default_rng(2)
-    for kill in range(3):
+    for kill in range(2):
         process = start(config, folder, "--workers", 2 if kill else 1)
         before = len(made(folder))
         wait_for(lambda before=before: len(made(folder)) > before, process)

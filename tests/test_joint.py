@@ -87,6 +87,7 @@ def test_steps_of_widened_models_are_those_of_the_models_alone():
             assert not np.any(absent)
 
 
+@pytest.mark.long
 def test_whole_trainings_are_the_same_together_and_alone(tmp_path):
     """Batches, validation, choice of the best weights: the model that comes out predicts the same."""
     both = joint(ENTRIES[1:3])

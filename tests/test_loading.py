@@ -174,6 +174,7 @@ def test_source_and_folder_go_together():
     assert DataConfig(source="shards", shards="somewhere").shards == "somewhere"
 
 
+@pytest.mark.long
 def test_training_from_shards_gives_the_weights_that_training_from_rooms_gives(tiny_config, tmp_path):
     rooms = settings.load(tiny_config)
     generate(rooms, tmp_path / "data", Request(16, workers=1))

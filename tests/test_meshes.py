@@ -76,6 +76,7 @@ def found():
     return {(mode, tuple(mesh)): said for mode, mesh, said in map(json.loads, done.stdout.splitlines())}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["vmap", "map"])
 @pytest.mark.parametrize("mesh", MESHES)
 def test_step_on_four_devices_is_the_step_on_one(mode, mesh, found):

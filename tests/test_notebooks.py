@@ -97,6 +97,7 @@ def pictures_of(notebook) -> list[bytes]:
     return [base64.b64decode(output.data["image/png"]) for output in outputs if "image/png" in output.get("data", {})]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TRUTHS)
 def test_a_notebook_runs_and_tells_the_truth(name):
     pytest.importorskip("ifcopenshell")

@@ -21,6 +21,8 @@ from paper.figures.examples import example_of, raw_pair, training_curves
 from paper.figures.panels import COLUMNS, METHODS, few, mixed
 from warp_scanner.scenes import STRUCTURE
 
+pytestmark = pytest.mark.long
+
 FROM_ROOMS = (
     "curves", "evidence_maps", "heatmaps", "histograms", "instances", "labels", "network", "object_filter", "outcomes",
     "raw_pairs", "scenario_rooms", "threshold_curves", "voxels",

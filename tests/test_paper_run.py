@@ -16,6 +16,8 @@ from jaxmm.paper_scores import default_judges, set_stage
 from jaxmm.simulator import load_config
 from jaxmm.stages import key_of
 
+pytestmark = pytest.mark.long
+
 TABLES = ("table_1", "label_noise", "studies")
 FEW = ("Wall Added", "Removed NN-Distance", "Objects Added")  # a row of each section
 

@@ -106,14 +106,15 @@ def kill_when(process, seen, delay):
     return running
 
 
+@pytest.mark.long
 def test_a_run_that_is_killed_again_and_again_ends_in_the_same_bits(finished_run, tiny_config, tmp_path):
     folder = tmp_path / "killed"
-    moments = ("data/*", "checkpoints/xyz_nn/[0-9]*", "rooms/*", "figures/*_xyz_nn.png")
+    moments = ("checkpoints/xyz_nn/[0-9]*", "rooms/*", "figures/*_xyz_nn.png")
     rng = random.Random(0)
     killed = 0
     for moment in moments:
         killed += kill_when(start(tiny_config, folder), lambda m=moment: any(folder.glob(m)), rng.uniform(0, 0.4))
-    assert killed >= 3  # a fast machine may finish a stage within the delay
+    assert killed >= 2  # a fast machine may finish a stage within the delay
     process = start(tiny_config, folder)
     _, said = process.communicate()
     assert process.returncode == 0, said

@@ -24,6 +24,8 @@ from paper.figures.panels import COLUMNS
 from paper.figures.plan import TRUE, draw_found, draw_true
 from paper.report import RESULTS
 
+pytestmark = pytest.mark.long
+
 
 def found(boxes=(), true=(), changed=500):
     return Found(np.zeros((changed, 3)), np.ones(changed), np.ones(changed, bool), list(boxes), list(true))
