@@ -19,7 +19,7 @@ class KnownBuilding(NamedTuple):
     """What is usual in the building, as its prior says."""
 
     walls: tuple[float, ...] = ()  # the different thicknesses [m] of its walls
-    usual_wall: float = 0.0  # [m] half of the length of its walls is no thicker; 0 where nobody knows
+    usual_wall: float = 0.0  # [m] half of the length of its walls is no thicker, or of its inner ones; 0: nobody knows
     columns: tuple[tuple[float, float, bool], ...] = ()  # width and depth [m], and whether it is round
     short_walls: tuple[tuple[float, float], ...] = ()  # thickness and length [m] of those that may pass for pillars
     uprights: Uprights | None = None  # its upright surface: the directions that it stands along, and where walls end

@@ -20,11 +20,13 @@ from warp_scanner.building_changes import Change, of_element
 from warp_scanner.building_files import read_building
 from warp_scanner.buildings import AS_IT_IS, Building, ReadOptions, remarks
 from warp_scanner.mesh_files import SUFFIXES
+from warp_scanner.scan import Rays
 from warp_scanner.scenes import PILLAR, WALL
-from warp_scanner.triangles import TriangleScene, clearance, prepare
+from warp_scanner.triangles import TriangleScene, cast_triangles, clearance, prepare
 from warp_scanner.voxels import thin_clouds
 
 VOXEL = 0.1  # [m] to which a cloud is thinned
+BESIDE = 0.02  # [m] beside a wall, to look from
 SHORT, SLENDER = 1.6, 2.0  # [m], times its thickness: a wall no longer, and no shorter, may pass for a pillar
 FACADE = ("IfcCurtainWall", "IfcPlate", "IfcMember")
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
@@ -89,7 +91,7 @@ def prior_of_building(building: Building) -> Prior:
     """A building that was read, ready for rays."""
     scene = prepare(building.triangles)
     notes = (*remarks(building), *_unasked(building))
-    return Prior(building.origin, notes, building, scene, known=_known(building))
+    return Prior(building.origin, notes, building, scene, known=_known(building, scene))
 
 
 def _unasked(building: Building) -> list[str]:
@@ -122,7 +124,7 @@ def distance_from(prior: Prior) -> Distance:
     return to_surface
 
 
-def _known(building: Building) -> KnownBuilding:
+def _known(building: Building, scene: TriangleScene) -> KnownBuilding:
     """Thicknesses of the walls, sections of the columns, and what stands upright."""
     semantic = building.elements.semantic
     walls, columns = (
@@ -134,13 +136,25 @@ def _known(building: Building) -> KnownBuilding:
     known = [(a, b, bool(circle)) for a, b, circle in _frequent(sections.reshape(-1, 3))]
     is_wall = (thickness > 0.03) & (thickness < 0.6)
     length = np.round([max(one.size[:2]) for one in walls], 3)
+    kinds = (is_wall, is_wall & _are_inner(walls, scene))  # outer ones are thicker, and what is new stands inside
+    usual = min((_usual(thickness[kind], length[kind]) for kind in kinds if kind.any()), default=0.0)
     is_short = is_wall & (length <= SHORT) & (length >= SLENDER * thickness)
     short = np.column_stack([thickness, length])[is_short]
     uprights = uprights_of(building.triangles.vertices, building.triangles.faces)
     return KnownBuilding(
-        tuple(_frequent(thickness[is_wall])), _usual(thickness[is_wall], length[is_wall]), tuple(known),
+        tuple(_frequent(thickness[is_wall])), usual, tuple(known),
         tuple(map(tuple, _frequent(short))), uprights, _own(walls, columns, rounded),
     )  # fmt: skip
+
+
+def _are_inner(walls: list[Change], scene: TriangleScene) -> np.ndarray:
+    """(n,) bool: walls from the middle of each of whose sides one looks, level and straight ahead, at something."""
+    angle = np.radians([one.yaw + (90.0 if one.size[0] > one.size[1] else 0.0) for one in walls])
+    across = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(len(walls))])
+    center = np.array([one.center for one in walls]).reshape(-1, 3)
+    off = across * np.array([min(one.size[:2]) / 2 + BESIDE for one in walls])[:, None]
+    ways = [Rays(center + way * off, (way * across).astype(np.float32)[:, None]) for way in (-1.0, 1.0)]
+    return np.all([np.isfinite(cast_triangles(scene, rays).distance[:, 0]) for rays in ways], axis=0)
 
 
 def _own(walls: list[Change], columns: list[Change], rounded: list[bool]) -> OwnElements:
@@ -153,9 +167,7 @@ def _own(walls: list[Change], columns: list[Change], rounded: list[bool]) -> Own
 
 
 def _usual(thickness: np.ndarray, length: np.ndarray) -> float:
-    """The median thickness [m] of walls (n,), each counted by its length: long ones are met more often; 0 of none."""
-    if not len(thickness):
-        return 0.0
+    """The median thickness [m] of walls (n,), each counted by its length: long ones are met more often."""
     order = np.argsort(thickness)
     reached = np.cumsum(length[order])
     return round(float(thickness[order][np.searchsorted(reached, reached[-1] / 2)]), 3)

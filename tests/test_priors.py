@@ -58,6 +58,35 @@ def test_the_usual_thickness_is_that_of_half_the_length_of_the_walls():
     assert prior_of_cloud(np.zeros((5, 3))).known.usual_wall == 0.0
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.4, 2.0])
+def test_inner_walls_say_what_is_usual_where_they_are_thinner_than_outer_ones(turn):
+    """A house of 12 x 8 m with one wall across it, a shorter one that ends free, and a porch's wall outside."""
+
+    def house(outer, inner, porch=0.1, has_inner=True):
+        size = [
+            [12, outer, 3],
+            [12, outer, 3],
+            [outer, 8, 3],
+            [outer, 8, 3],
+            [porch, 3, 3],
+            [inner, 8, 3],
+            [3, inner, 3],
+        ]
+        place = [[0, -4, 1.5], [0, 4, 1.5], [-6, 0, 1.5], [6, 0, 1.5], [9, 0, 1.5], [2, 0, 1.5], [-1, 1, 1.5]]
+        count = 7 if has_inner else 5
+        way = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+        table = Primitives(
+            np.array([[BOX] * count], np.uint8), (np.array(place) @ way)[None, :count].astype(np.float32),
+            np.array(size)[None, :count].astype(np.float32) / 2, np.full((1, count), turn, np.float32),
+            np.arange(count, dtype=np.int32)[None], np.full((1, count), WALL, np.uint8),
+        )  # fmt: skip
+        return prior_of_building(building_of_room(table, 0)[0]).known.usual_wall
+
+    assert house(0.4, 0.12) == pytest.approx(0.12)
+    assert house(0.3, 0.36) == pytest.approx(0.3)
+    assert house(0.4, 0.12, has_inner=False) == pytest.approx(0.4)
+
+
 def test_walls_that_may_pass_for_pillars_are_short_but_longer_than_thick():
     table = walls_and_columns()
     table.half_size[0, :3, 0] = (0.6, 0.15, 0.9)  # 1.2, 0.3 and 1.8 m long
