@@ -22,17 +22,18 @@ class Uprights(NamedTuple):
     low: np.ndarray  # (U, 3) float32 [m] lowest coordinates of each triangle
     high: np.ndarray  # (U, 3) and highest
     corners: np.ndarray  # (U, 3, 3) float32 [m] of each triangle
+    element: np.ndarray  # (U,) int its row among the building's elements
 
 
-def uprights_of(vertices: np.ndarray, faces: np.ndarray) -> Uprights:
-    """The upright ones of the triangles of a building, vertices (V, 3) [m] and faces (T, 3) int."""
+def uprights_of(vertices: np.ndarray, faces: np.ndarray, element: np.ndarray) -> Uprights:
+    """The upright ones of the triangles of a building: vertices (V, 3) [m], faces (T, 3) int, element (T,) int."""
     corners = vertices[faces]
     normal = np.cross((corners[:, 1] - corners[:, 0]).astype(np.float64), corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normal, axis=1)
     upright = np.abs(normal[:, 2]) < UPRIGHT * size
     normal, corners = normal[upright], corners[upright]
     turn = np.arctan2(normal[:, 1], normal[:, 0]) % QUARTER
-    return Uprights(turn, size[upright] / 2, corners.min(axis=1), corners.max(axis=1), corners)
+    return Uprights(turn, size[upright] / 2, corners.min(axis=1), corners.max(axis=1), corners, element[upright])
 
 
 def grid_near(uprights: Uprights, place: np.ndarray, floor: float, ceiling: float) -> float | None:
@@ -62,7 +63,9 @@ def grid_near(uprights: Uprights, place: np.ndarray, floor: float, ceiling: floa
     return grid if grid < QUARTER else 0.0  # what is hardly below 0 comes back as a whole quarter turn
 
 
-def way_to_surface(uprights: Uprights, start: np.ndarray, along: np.ndarray, height: float) -> float:
+def way_to_surface(
+    uprights: Uprights, start: np.ndarray, along: np.ndarray, height: float, gone: np.ndarray | None = None
+) -> float:
     """How far [m] it is level from a place to the upright surface of a building; infinite where none is met.
 
     Args:
@@ -70,8 +73,12 @@ def way_to_surface(uprights: Uprights, start: np.ndarray, along: np.ndarray, hei
         start: (2,) [m] in plan.
         along: (2,) unit vector.
         height: [m] z of the way. Where triangles have a corner right at that height, they count as higher.
+        gone: (E,) bool elements that are passed through; None for none.
     """
-    corners = uprights.corners[(uprights.low[:, 2] < height) & (uprights.high[:, 2] >= height)].astype(np.float64)
+    met = True if gone is None else ~gone[uprights.element]
+    height = np.float64(height)  # a plain number would be rounded to the float32 of some corners, and not of others
+    met = met & (uprights.low[:, 2] < height) & (uprights.high[:, 2] >= height)
+    corners = uprights.corners[met].astype(np.float64)
     above = corners[:, :, 2] >= height
     lone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)  # the corner on its side of that height
     each = np.arange(len(corners))
@@ -84,8 +91,11 @@ def way_to_surface(uprights: Uprights, start: np.ndarray, along: np.ndarray, hei
     side = [one @ np.array([-along[1], along[0]]) for one in cut]
     ahead = [one @ along for one in cut]
     across = side[0] * side[1] <= 0.0
-    between = np.where(across, side[0] / np.where(side[0] == side[1], 1.0, side[0] - side[1]), 0.0)
+    in_line = side[0] == side[1]  # of those across it: from its nearer end on, or from right here
+    between = np.where(across, side[0] / np.where(in_line, 1.0, side[0] - side[1]), 0.0)
     way = ahead[0] + between * (ahead[1] - ahead[0])
+    far = np.maximum(*ahead)
+    way = np.where(in_line, np.where(far < 0.0, far, np.maximum(np.minimum(*ahead), 0.0)), way)
     return float(way[across & (way >= 0.0)].min(initial=np.inf))
 
 

@@ -74,6 +74,8 @@ def mismatches_of(
     """
     if verdicts is not None and settings.preset != "thesis":
         gone = _gone(prior, looked, verdicts)
+        is_gone = np.array([one.verdict == REMOVED for one in verdicts], bool)
+        prior = prior._replace(known=prior.known._replace(gone=is_gone))
     else:
         gone = _all_fitted(prior, looked, "removed", settings)
     found = sorted(gone, key=lambda one: -one.probability)

@@ -24,6 +24,7 @@ class KnownBuilding(NamedTuple):
     short_walls: tuple[tuple[float, float], ...] = ()  # thickness and length [m] of those that may pass for pillars
     uprights: Uprights | None = None  # its upright surface: the directions that it stands along, and where walls end
     own: OwnElements | None = None  # each of its walls and columns
+    gone: np.ndarray | None = None  # (E,) bool elements of it at which no wall ends, as they are not there; None: none
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,9 +126,9 @@ def wall_end_on(sight: Sight, piece: Piece, settings: WallSettings, known: Known
     It is shorter where its building has something behind it, halfway up.
     """
     toward = piece.toward
-    behind = settings.tolerance
-    room = behind + _room(sight, piece.face.center - behind * toward, -toward, known)
-    length = min(settings.usual_length, room)
+    before = settings.tolerance  # its end may be measured a little too far on
+    room = _room(sight, piece.face.center + before * toward, -toward, known) - before
+    length = max(min(settings.usual_length, room), settings.least_thickness)
     edges = np.array([length, max(piece.face.length, settings.least_thickness)])
     center = piece.face.center - toward * length / 2
     whole = piece.face.length >= settings.least_thickness and ends_in_view(sight, piece, settings)
@@ -138,7 +139,7 @@ def _room(sight: Sight, start: np.ndarray, along: np.ndarray, known: KnownBuildi
     """How far [m] a wall can go on from a place (2,) on its line before it comes upon what its building has there."""
     if known.uprights is None:
         return np.inf
-    return way_to_surface(known.uprights, start, along, (sight.floor + sight.ceiling) / 2)
+    return way_to_surface(known.uprights, start, along, (sight.floor + sight.ceiling) / 2, known.gone)
 
 
 def ends_in_view(sight: Sight, piece: Piece, settings: WallSettings) -> bool:

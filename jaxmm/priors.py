@@ -140,7 +140,7 @@ def _known(building: Building, scene: TriangleScene) -> KnownBuilding:
     usual = min((_usual(thickness[kind], length[kind]) for kind in kinds if kind.any()), default=0.0)
     is_short = is_wall & (length <= SHORT) & (length >= SLENDER * thickness)
     short = np.column_stack([thickness, length])[is_short]
-    uprights = uprights_of(building.triangles.vertices, building.triangles.faces)
+    uprights = uprights_of(building.triangles.vertices, building.triangles.faces, building.triangles.element)
     return KnownBuilding(
         tuple(_frequent(thickness[is_wall])), usual, tuple(known),
         tuple(map(tuple, _frequent(short))), uprights, _own(walls, columns, rounded),

@@ -1,10 +1,12 @@
 """The directions that a building stands along, from its upright surfaces."""
 
+import itertools
+
 import numpy as np
 import pytest
 import trimesh
 
-from jaxmm.building_grid import Uprights, grid_near, uprights_of, way_to_surface
+from jaxmm.building_grid import grid_near, uprights_of, way_to_surface
 
 STOREY = (-1.5, 1.5)
 HERE = np.zeros(2)
@@ -21,7 +23,7 @@ def boxes(*placed):
 
 
 def of_mesh(mesh):
-    return uprights_of(mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32))
+    return uprights_of(mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), np.zeros(len(mesh.faces), int))
 
 
 def off(found, degrees):
@@ -92,7 +94,7 @@ def test_without_upright_surface_there_is_none():
     level = trimesh.creation.box((4.0, 4.0, 1.0))
     level.update_faces(np.abs(level.face_normals[:, 2]) > 0.5)
     assert grid_near(of_mesh(level), HERE, *STOREY) is None
-    nothing = Uprights(np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3), np.float32))
+    nothing = uprights_of(np.zeros((0, 3), np.float32), np.zeros((0, 3), int), np.zeros(0, int))
     assert grid_near(nothing, HERE, *STOREY) is None
     assert way_to_surface(nothing, HERE, np.array([1.0, 0.0]), 0.0) == np.inf
 
@@ -119,10 +121,41 @@ def test_the_way_to_a_surface_is_as_long_as_a_level_ray_of_embree_s_or_of_trimes
 
 
 @pytest.mark.parametrize(
-    "height, way", [(-1.4999, 2.0), (0.0, 2.0), (1.4999, 2.0), (1.5, 2.0), (1.5001, np.inf), (-1.5001, np.inf)]
+    "height, way",
+    [(-1.5, np.inf), (-1.4999, 2.0), (0.0, 2.0), (1.4999, 2.0), (1.5, 2.0), (1.5001, np.inf), (-1.5001, np.inf)],
 )
-def test_a_surface_is_met_from_its_foot_to_its_top(height, way):
+def test_a_surface_is_met_above_its_foot_up_to_its_top(height, way):
     wall = boxes(((0.2, 4.0, 3.0), 0.0, (2.1, 0.0)))
     assert way_to_surface(wall, HERE, np.array([1.0, 0.0]), height) == pytest.approx(way, abs=1e-6)
     assert way_to_surface(wall, HERE, np.array([-1.0, 0.0]), height) == np.inf
     assert way_to_surface(wall, np.array([0.0, 2.1]), np.array([1.0, 0.0]), 0.0) == np.inf  # it passes by
+
+
+@pytest.mark.parametrize("start, way", [(0.0, 1.0), (2.0, 0.0), (3.5, np.inf)])
+@pytest.mark.parametrize("order", list(itertools.permutations(range(3))))
+def test_a_sheet_in_the_line_of_the_way_is_met_at_its_nearer_end_or_right_here(start, way, order):
+    sheet = np.array(
+        [[1.0, 0.0, -1.0], [3.0, 0.0, -1.0], [2.0, 0.0, 1.0], [1.0, 0.0, 1.0], [3.0, 0.0, 1.0]], np.float32
+    )
+    faces = np.array([[0, 1, 2], [0, 2, 3], [1, 4, 2]])[:, order]
+    uprights = uprights_of(sheet, faces, np.zeros(3, int))
+    assert way_to_surface(uprights, np.array([start, 0.0]), np.array([1.0, 0.0]), 0.1) == pytest.approx(way, abs=1e-6)
+
+
+def test_a_height_that_float32_would_round_to_that_of_a_top_is_above_it():
+    """And nothing is divided by nothing, as where corners are told from triangles by another height."""
+    wall = boxes(((0.2, 4.0, 2.6), 0.0, (2.1, 0.0)))
+    assert float(np.float32(1.3)) < 1.3
+    with np.errstate(all="raise"):
+        for height, way in ((1.3, np.inf), (float(np.float32(1.3)), 2.0)):
+            assert way_to_surface(wall, HERE, np.array([1.0, 0.0]), height) == pytest.approx(way, abs=1e-6)
+
+
+def test_what_is_gone_is_passed_through():
+    near, far = (trimesh.creation.box((0.2, 4.0, 3.0)).apply_translation([x, 0.0, 0.0]) for x in (1.1, 3.1))
+    mesh = trimesh.util.concatenate([near, far])
+    element = np.repeat([4, 2], [len(near.faces), len(far.faces)])
+    uprights = uprights_of(mesh.vertices.astype(np.float32), mesh.faces, element)
+    for gone, way in ((None, 1.0), ((), 1.0), ((2,), 1.0), ((4,), 3.0), ((2, 4), np.inf)):
+        gone = None if gone is None else np.isin(np.arange(5), gone)
+        assert way_to_surface(uprights, HERE, np.array([1.0, 0.0]), 0.0, gone) == pytest.approx(way, abs=1e-6)

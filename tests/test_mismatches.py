@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from box_building import building_of
+from box_building import building_of, scan_of
 
 from jaxmm.boxes import Box, BoxSettings
 from jaxmm.detect_files import read_judges
@@ -15,6 +15,7 @@ from jaxmm.room_scans import room_cases, true_boxes
 from jaxmm.scan_rays import rays_of_scan
 from jaxmm.weights import DEFAULT
 from warp_scanner.scenes import CEILING, CYLINDER, FLOOR, WALL
+from warp_scanner.sensors import OAK_D_PRO_SMALL
 
 
 def mismatch(change, edges=(0.5, 0.5), kind="pillar", shape="rectangular", height=3.0):
@@ -148,3 +149,20 @@ def test_a_pillar_that_moved_is_one_whether_it_is_round_or_square():
         shapes.append(gone[0].shape)
         linked.append(found.mismatches[1].moved_from == 0)
     assert set(shapes) == {"round", "rectangular"} and np.mean(linked) > 0.7
+
+
+@pytest.mark.parametrize("across", [False, True])
+def test_a_new_wall_is_made_up_through_the_place_of_one_that_is_gone(across):
+    """Its end is all that is seen of it, and 0.9 m behind that stood a wall which the same scan tells to be gone."""
+    hall = (
+        ((0, 0, -0.1), (5, 4, 0.1), FLOOR), ((0, 0, 2.7), (5, 4, 0.1), CEILING), ((5, 0, 1.3), (0.1, 4, 1.3), WALL),
+        ((0, -3.9, 1.3), (5, 0.1, 1.3), WALL), ((0, 3.9, 1.3), (5, 0.1, 1.3), WALL),
+    )  # fmt: skip
+    old = ((1.0, 0.0, 1.3), (0.1, 3.0, 1.3), WALL)
+    scan = scan_of((*hall, ((1.1, 0.0, 1.3), (1.1, 0.09, 1.3), WALL)), np.array([-3.0, 0.0, 1.4]), OAK_D_PRO_SMALL)
+    prior = prior_of_building(building_of((*hall, old) if across else hall))
+    settings = DetectSettings(refine=False, propose_views=False)
+    found = detect_scans(prior, [scan], read_judges(DEFAULT), settings).mismatches
+    gone, new = ([one for one in found if one.mismatch_type == change] for change in ("removed", "added"))
+    assert len(gone) == across and [one.object_type for one in new] == ["wall"]
+    assert new[0].dimensions[0] == pytest.approx(2.0, abs=0.05)

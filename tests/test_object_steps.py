@@ -76,7 +76,7 @@ def test_what_is_measured_of_a_size_is_told_from_what_is_assumed(thing, is_wall,
 
 
 @pytest.mark.parametrize("turn", [0.0, 30.0])
-@pytest.mark.parametrize("way", [0.25, 0.5, 0.9, 3.0, None])
+@pytest.mark.parametrize("way", [0.0, 0.02, 0.1, 0.25, 0.5, 0.9, 3.0, None])
 @pytest.mark.parametrize(
     "x, y, yaw, shows_to, on",  # of one wall the picture ends 1 m before its end; of another its end alone shows
     [(3.0, 2.4, 90.0, (3.0, 2.4), (0.0, 1.0)), (4.0, 0.0, 0.0, (3.0, 0.0), (1.0, 0.0))],
@@ -84,20 +84,28 @@ def test_what_is_measured_of_a_size_is_told_from_what_is_assumed(thing, is_wall,
 def test_what_is_made_up_of_a_wall_ends_at_what_its_building_has_there(x, y, yaw, shows_to, on, way, turn):
     to_world = trimesh.transformations.rotation_matrix(np.radians(turn), [0, 0, 1])
     known = KnownBuilding()
-    if way:  # what stands across its line so far beyond what shows of it
+    if way is not None:  # what stands across its line so far beyond what shows of it
         standing = trimesh.creation.box((0.2, 4.0, 3.0), trimesh.geometry.align_vectors([1, 0, 0], [*on, 0.0]))
         standing.apply_translation([*(np.array(shows_to) + (way + 0.1) * np.array(on)), 1.5])
         standing.apply_transform(to_world)
-        known = KnownBuilding(uprights=uprights_of(standing.vertices.astype(np.float32), standing.faces))
+        element = np.zeros(len(standing.faces), int)
+        known = KnownBuilding(uprights=uprights_of(standing.vertices.astype(np.float32), standing.faces, element))
     center = to_world[:2, :2] @ [x, y]
     seen = judged(wall(*center, 2.0, 0.2, yaw + turn), poses=((*SENSOR, turn),))
-    box = only(find_objects(seen, judge=says(0.02, 0.02, 0.96), known=known), "wall")
+    judge = says(0.02, 0.02, 0.96)
+    box = only(find_objects(seen, judge=judge, known=known), "wall")
+    if way is not None:  # nothing ends at what is gone
+        passes = find_objects(seen, judge=judge, known=known._replace(gone=np.array([True])))
+        free = find_objects(seen, judge=judge, known=KnownBuilding())
+        assert [one.box.center.tolist() for one in passes] == [one.box.center.tolist() for one in free]
     first, usual = (-1.0, 1.0) if yaw else (0.0, 2.0)  # [m] from there
-    last = min(way or np.inf, usual)
+    last = min(np.inf if way is None else way, usual)
+    if last < SolidSettings().shown:  # nothing is made up of a face that ends so near, and of an end it is not nothing
+        last = 0.0 if yaw else max(last, SolidSettings().least_thickness)
     place = (to_world[:2, :2].T @ box.center[:2] - shows_to) @ on
     along = int(abs((box.rotation - turn - yaw + 90.0) % 180.0 - 90.0) > 45.0)
     assert place == pytest.approx((first + last) / 2, abs=0.03)
-    assert box.dimensions[along] == pytest.approx(last - first, abs=0.05)
+    assert box.dimensions[along] == pytest.approx(last - first, abs=0.06)
 
 
 def test_an_end_of_a_wall_that_has_more_points_than_the_wall_belongs_to_it():
