@@ -133,9 +133,6 @@ def write_all(detection: Detection, prior: Path, out: Path, *, apply: bool = Fal
     """
     check_empty(out, "--out")
     start, said = time.perf_counter(), []
-    if apply and detection.doubts:
-        apply = False
-        said.append("--apply: removed elements are marked, not deleted: it is open whether every scan is of this place")
 
     def write(work: Path) -> None:
         write_figures(work, detection)

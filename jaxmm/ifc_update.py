@@ -21,6 +21,8 @@ from jaxmm.report import Detection, ElementVerdict, Mismatch, box_of, told_proba
 from jaxmm.verdicts import OCCLUDED, REMOVED, STANDS
 from warp_scanner.ifc_model import import_ifcopenshell
 
+NOT_APPLIED = "--apply: removed elements are marked, not deleted: it is open whether every scan is of this place"
+
 
 class UpdateSummary(NamedTuple):
     """What was written; GlobalIds."""
@@ -41,8 +43,9 @@ def write_update(
         prior: the IFC file that the detection was run on.
         detection: what was found.
         out: the folder; made where it is missing.
-        apply: delete removed elements instead of marking them, unless a part of them may stand. Doors, windows and
-            coverings that hung on them stay, are marked, and named in the notes.
+        apply: delete removed elements instead of marking them, unless a part of them may stand, or a scan may be of
+            another place or pose. Doors, windows and coverings that hung on them stay, are marked, and named in the
+            notes.
         when: the date that is written, UTC where it names no zone; None for now. With it, the same input gives the
             same bytes.
 
@@ -55,6 +58,9 @@ def write_update(
         raise InputError(f"{out}: expected another folder than that of {prior}, which must stay as it is")
     original, draft = _open(prior, when or datetime.now(UTC))
     update = _Update(draft, detection)
+    if apply and detection.doubts:
+        apply = False
+        update.notes.append(NOT_APPLIED)
     update.mark_removed(apply)
     update.mark_occluded()
     update.add()

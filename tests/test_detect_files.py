@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxmm import detect, detect_files
 from jaxmm.files import load_json, write_folder
+from jaxmm.ifc_update import write_update
 from jaxmm.inputs import InputError
 from jaxmm.scan_poses import parse_pose
 from warp_scanner.ifc_files import read_ifc
@@ -198,13 +199,17 @@ def test_nothing_is_deleted_while_a_scan_may_be_of_another_place(tmp_path):
         doubts = ("is it of this place?",) if doubted else ()
         scans = tuple(one._replace(doubts=doubts) for one in case.detection.scans)
         out = tmp_path / f"out {doubted}"
-        said = detect_files.write_all(case.detection._replace(scans=scans), case.ifc, out, apply=True)
+        told = case.detection._replace(scans=scans)
+        said = detect_files.write_all(told, case.ifc, out, apply=True)
         assert any("marked, not deleted" in line for line in said) == doubted
+        alone = write_update(case.ifc, told, tmp_path / f"alone {doubted}", apply=True)
+        assert set(alone.notes) <= set(said)
+        assert set(read_ifc(alone.path).elements.guid) == set(read_ifc(out / "updated.ifc").elements.guid)
         assert ("is it of this place?" in (out / "updated.ifc").read_text()) == doubted
         left = set(read_ifc(out / "updated.ifc").elements.guid)
         assert gone and (gone <= left) == doubted and bool(gone & left) == doubted
-        told = load_json(out / "report.json")["scans"][0]
-        assert told["doubted"] is doubted and told["doubts"] == list(doubts)
+        record = load_json(out / "report.json")["scans"][0]
+        assert record["doubted"] is doubted and record["doubts"] == list(doubts)
 
 
 def test_nothing_is_deleted_while_points_contradict_their_pose(room, tmp_path, capsys):
