@@ -12,7 +12,9 @@ from jaxmm.inputs import InputError
 FARTHEST = 1e9  # [m] coordinates beyond this are taken for mistakes
 OWN = "own"  # in place of a pose: that of the scan's file, or the estimated one
 FORM = "X,Y,Z,YAW[,PITCH], finite, pitch within 90 degrees"
-JSON_FORM = 'expected {"position": [x, y, z], "yaw": degrees, "pitch": degrees}, or a list of those, null for own'
+JSON_FORM = (
+    'expected {"position": [x, y, z], "yaw": degrees, "pitch": degrees}, or a list of those and of nulls for own'
+)
 
 
 class GivenPose(NamedTuple):
@@ -73,12 +75,18 @@ def _from_json(path: Path) -> list[GivenPose | None]:
 
 
 def _entry(path: Path, entry: Any) -> GivenPose:
-    if not isinstance(entry, dict) or not isinstance(entry.get("position"), list) or len(entry["position"]) != 3:
-        raise InputError(f"--pose: {path}: {JSON_FORM}, got {json.dumps(entry)[:80]}")
+    came = json.dumps(entry)[:80]
+    is_known = isinstance(entry, dict) and set(entry) <= {"position", "yaw", "pitch"}  # "Yaw" is no yaw of 0
+    if not is_known or not isinstance(entry.get("position"), list) or len(entry["position"]) != 3:
+        raise InputError(f"--pose: {path}: {JSON_FORM}, got {came}")
     numbers = [*entry["position"], entry.get("yaw", 0.0), entry.get("pitch", 0.0)]
     if any(isinstance(number, bool) or not isinstance(number, int | float) for number in numbers):
-        raise InputError(f"--pose: {path}: {JSON_FORM}, got {json.dumps(entry)[:80]}")
-    return _checked([float(number) for number in numbers], f"--pose: {path}", json.dumps(entry)[:80])
+        raise InputError(f"--pose: {path}: {JSON_FORM}, got {came}")
+    try:
+        values = [float(number) for number in numbers]
+    except OverflowError:  # JSON bounds no integer
+        raise InputError(f"--pose: {path}: {JSON_FORM}, got {came}") from None
+    return _checked(values, f"--pose: {path}", came)
 
 
 def _checked(values: list[float], where: str, came: str, form: str = FORM) -> GivenPose:

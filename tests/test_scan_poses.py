@@ -45,7 +45,9 @@ def test_what_is_no_pose_is_refused_in_one_line(text):
 @pytest.mark.parametrize(
     "content",
     ["", "{", "[]", "3", "null", '{"position": [1, 2]}', '{"position": [1, 2, "x"]}', '{"position": [1, 2, true]}',
-     '{"position": [1, 2, 3], "yaw": null}', '{"position": [1, 2, 1e99]}', "[" * 100_000],
+     '{"position": [1, 2, 3], "yaw": null}', '{"position": [1, 2, 1e99]}', "[" * 100_000,
+     '{"position": [1, 2, 3], "Yaw": 90}', '{"position": [1, 2, 3], "yaw": 90, "roll": 5}',
+     '{"position": [1' + 400 * "0" + ", 0, 0]}"],
 )  # fmt: skip
 def test_files_without_poses_are_refused_in_one_line(tmp_path, content):
     path = tmp_path / "pose.json"
