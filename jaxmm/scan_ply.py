@@ -59,5 +59,7 @@ def _text_points(path: Path, file: io.BufferedReader, count: int, names: list[st
         columns = [names.index(axis) for axis in "xyz"]
         blocks = (block[:, columns] for block in rows(lines, count, width=len(names)))
         return filled(path, count, blocks)
+    except InputError:  # says all of it, and is a ValueError, too
+        raise
     except ValueError as error:
         raise InputError(f"{path}: expected {count} vertices of {len(names)} numbers: {error}") from error
