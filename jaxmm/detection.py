@@ -5,6 +5,7 @@ S scans, E elements. Positions are offsets from the prior's origin, world axes: 
 
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -61,19 +62,67 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     Raises:
         InputError: a scan does not fit; the line names its file.
     """
-    timing, start = {}, time.perf_counter()
-    if settings.settle and settings.preset != "thesis":
+    beyond_thesis, watch = settings.preset != "thesis", _Watch()
+    if settings.settle and beyond_thesis:
         scans = [_settled(one) for one in scans]
-    timing["settling"] = time.perf_counter() - start
+    watch.lap("settling")
     placed = [_placed(prior, one, settings) for one in scans]
     outdoors = [is_outdoors(prior, one.scan.position) for one in placed]
     scans = [
         one._replace(notes=(*one.notes, OUTDOORS)) if is_out else one
         for one, is_out in zip(scans, outdoors, strict=True)
     ]
-    timing["registration"] = time.perf_counter() - start - sum(timing.values())
-    if settings.preset != "thesis":
-        prior = without_hanging(prior, [SEMANTIC[name] for name in settings.classes])
+    watch.lap("registration")
+    if beyond_thesis:
+        prior = without_hanging(prior, _semantics(settings))
+    looked, told = _looked_at(prior, placed, scans, outdoors, judges)
+    sure, past_gone = partial(_for_sure, prior, looked, scans, settings), None
+    if prior.has_elements and beyond_thesis:
+        past_gone, told = look_past_what_is_gone(
+            prior, looked, told, judges, _semantics(settings), settings.verdicts, sure=sure
+        )
+    told = sure(told)
+    watch.lap("evidence")
+    verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
+    wanted = _of_classes(prior, verdicts, settings)
+    mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
+    watch.lap("objects")
+    elements = _elements(prior, verdicts, placed, looked, settings) if verdicts is not None else ()
+    watch.lap("next views")
+    records = _records(prior, scans, placed, (told, settings, mismatches))
+    # Drawn are the rays as the whole model has them, and what the points are held for in the end.
+    pairs = zip(looked, past_gone or looked, strict=True)
+    drawn = [new._replace(added=new.added._replace(view=one.added.view)) for one, new in pairs]
+    drawing = _drawing(prior, drawn, placed)
+    registration = {
+        "refined": settings.refine,
+        "residual": float(np.max([one.residual for one in placed])),
+        "scans": [one.registration for one in records],
+    }
+    notes = (*prior.notes, *notes_on(mismatches, elements))
+    return Detection(mismatches, elements, records, registration, settings.as_json(), watch.laps(), notes, drawing)
+
+
+class _Watch:
+    """Seconds of the steps of a detection, and of all."""
+
+    def __init__(self):
+        self._start = self._last = time.perf_counter()
+        self._laps: dict[str, float] = {}
+
+    def lap(self, step: str) -> None:
+        """The time since the step before."""
+        now = time.perf_counter()
+        self._laps[step], self._last = now - self._last, now
+
+    def laps(self) -> dict[str, float]:
+        return self._laps | {"total": time.perf_counter() - self._start}
+
+
+def _looked_at(
+    prior: Prior, placed: list[Placed], scans: list[NamedScan], outdoors: list[bool], judges: Judges
+) -> tuple[list[Looked], list[Told | None]]:
+    """Each scan as `look_at` has it, of those from outdoors only what is of the building."""
     looked, told = [], []
     for one, scan, is_out in zip(placed, scans, outdoors, strict=True):
         try:
@@ -82,32 +131,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
             raise InputError(f"{scan.file}: {error}") from error
         looked.append(of_building_only(prior, found) if is_out else found)
         told.append(says)
-    past_gone = None
-    if prior.has_elements and settings.preset != "thesis":
-        classes = [SEMANTIC[name] for name in settings.classes]
-        past_gone, told = look_past_what_is_gone(prior, looked, told, judges, classes, settings.verdicts)
-    told = _for_sure(prior, looked, scans, told, settings)
-    timing["evidence"] = time.perf_counter() - start - sum(timing.values())
-    verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
-    wanted = _of_classes(prior, verdicts, settings)
-    mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
-    timing["objects"] = time.perf_counter() - start - sum(timing.values())
-    elements = _elements(prior, verdicts, placed, looked, settings) if verdicts is not None else ()
-    timing["next views"] = time.perf_counter() - start - sum(timing.values())
-    records = _records(prior, scans, placed, (told, settings, mismatches))
-    # Drawn are the rays as the whole model has them, and what the points are held for in the end.
-    drawn = zip(looked, past_gone or looked, strict=True)
-    drawn = [new._replace(added=new.added._replace(view=one.added.view)) for one, new in drawn]
-    drawing = _drawing(prior, drawn, placed)
-    timing["total"] = time.perf_counter() - start
-    fits = [one.registration for one in records]
-    registration = {
-        "refined": settings.refine,
-        "residual": float(np.max([one.residual for one in placed])),
-        "scans": fits,
-    }
-    notes = (*prior.notes, *notes_on(mismatches, elements))
-    return Detection(mismatches, elements, records, registration, settings.as_json(), timing, notes, drawing)
+    return looked, told
 
 
 def _settled(one: NamedScan) -> NamedScan:
@@ -171,7 +195,7 @@ def look_at(
 
 
 def _for_sure(
-    prior: Prior, looked: list[Looked], scans: list[NamedScan], told: list[Told | None], settings: DetectSettings
+    prior: Prior, looked: list[Looked], scans: list[NamedScan], settings: DetectSettings, told: list[Told | None]
 ) -> list[Told | None]:
     """What scans tell; those whose pose is estimated, of what is gone only what they would tell from beside, too."""
     return [
@@ -180,11 +204,16 @@ def _for_sure(
     ]
 
 
+def _semantics(settings: DetectSettings) -> list[int]:
+    """Classes of warp_scanner.scenes whose elements get a verdict."""
+    return [SEMANTIC[name] for name in settings.classes]
+
+
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:
     """The verdicts, with those of all other classes left open."""
     if verdicts is None:
         return None
-    wanted = np.isin(prior.building.elements.semantic, [SEMANTIC[name] for name in settings.classes])
+    wanted = np.isin(prior.building.elements.semantic, _semantics(settings))
     return [one if mine else one._replace(verdict=OCCLUDED) for one, mine in zip(verdicts, wanted, strict=True)]
 
 
@@ -193,11 +222,10 @@ def _elements(
 ) -> tuple[ElementVerdict, ...]:
     """The verdicts of the wanted classes, with a view to take next where one was hidden."""
     table, storeys = prior.building.elements, prior.building.storeys
-    classes = [SEMANTIC[name] for name in settings.classes]
-    rows = np.flatnonzero(np.isin(table.semantic, classes))
+    rows = np.flatnonzero(np.isin(table.semantic, _semantics(settings)))
     hidden, views = np.array([row for row in rows if verdicts[row].verdict == OCCLUDED], int), {}
     if len(hidden) and settings.propose_views:
-        gone = gone_of(prior.building, verdicts, classes)
+        gone = gone_of(prior.building, verdicts, _semantics(settings))
         gone |= filling(prior.building, gone)
         gone[hidden] = False
         remains = remains_of(prior, gone) if gone.any() else prior
@@ -238,7 +266,7 @@ def _records(
     (says, settings, mismatches), records = told, []
     shows, alone = shown_by_each(mismatches, len(scans))
     if prior.has_elements:
-        wanted = np.isin(prior.building.elements.semantic, [SEMANTIC[name] for name in settings.classes])
+        wanted = np.isin(prior.building.elements.semantic, _semantics(settings))
         before = np.full(int(wanted.sum()), UNSCANNED)
     for number, (one, fit) in enumerate(zip(scans, placed, strict=True)):
         changed = dict.fromkeys(VERDICTS, 0)

@@ -3,6 +3,7 @@
 N points of one side, P rays, E elements. Positions are offsets from the prior's origin, world axes: metres, z up.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +42,14 @@ class Past(NamedTuple):
 
 
 def look_past_what_is_gone(
-    prior: Prior, looked: list[Looked], told: list[Told], judges: Judges, classes: list[int], limits: VerdictSettings
+    prior: Prior,
+    looked: list[Looked],
+    told: list[Told],
+    judges: Judges,
+    classes: list[int],
+    limits: VerdictSettings,
+    *,
+    sure: Callable[[list[Told]], list[Told]] = list,
 ) -> tuple[list[Looked] | None, list[Told]]:
     """The scans, and what they tell of elements, compared again without walls and columns that are gone.
 
@@ -59,14 +67,16 @@ def look_past_what_is_gone(
         judges: the models.
         classes: semantic ones, whose elements may be gone.
         limits: when they are.
+        sure: leaves of what scans tell what does not hang on how well their poses are known; nothing else is gone.
 
     Returns:
-        Both; None for the scans where nothing is gone, or everything at once.
+        Both, what is told as it came, not only what is sure; None for the scans where nothing is gone, or everything at
+        once.
     """
     nothing = np.zeros(len(prior.scene.triangles.semantic), bool)
     views = [Past(says, one.removed, nothing) for one, says in zip(looked, told, strict=True)]
     while True:
-        gone = gone_of(prior.building, verdicts_of([one.told for one in views], limits), classes)
+        gone = gone_of(prior.building, verdicts_of(sure([one.told for one in views]), limits), classes)
         again = [_asked_again(prior, one, view, gone, judges, limits) for one, view in zip(looked, views, strict=True)]
         if all(new is old for new, old in zip(again, views, strict=True)):
             break

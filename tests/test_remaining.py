@@ -9,11 +9,12 @@ from box_building import building_of, scan_of
 from benchmarks.detections import elements_of
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.detection import NamedScan, detect_scans, look_at
 from jaxmm.priors import prior_of_building
-from jaxmm.remaining import filling
+from jaxmm.remaining import filling, look_past_what_is_gone
 from jaxmm.room_scans import room_cases
-from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.scan_rays import rays_of_scan
+from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VerdictSettings
 from jaxmm.weights import DEFAULT
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, PILLAR, TABLE, WALL
@@ -92,6 +93,21 @@ def test_only_classes_that_are_asked_for_are_looked_past(judges):
         judges, (across(2.0), ((4.0, 1.0, 1.3), (0.2, 0.2, 1.3), PILLAR)), (False, True), classes=("column",)
     )
     assert [one.verdict for one in found.elements] == [UNSCANNED]
+
+
+def test_what_may_look_gone_only_from_where_the_pose_is_guessed_is_not_looked_past(judges):
+    prior = prior_of_building(building_of((*SHELL, across(2.0), ((4.0, 1.0, 1.3), (0.2, 0.2, 1.3), PILLAR))))
+    seen, told = look_at(prior, rays_of_scan(scanned(SHELL).scan), judges)
+    wall, column = len(SHELL), len(SHELL) + 1
+
+    def doubting(told):  # that the wall is gone
+        return [one._replace(logit=np.where(np.arange(len(one.logit)) == wall, np.nan, one.logit)) for one in told]
+
+    arguments = prior, [seen], [told], judges, [WALL, PILLAR], VerdictSettings()
+    past, [after] = look_past_what_is_gone(*arguments)
+    assert past is not None and after.rays[column].sum() > 0 and after.logit[wall] == told.logit[wall] > 0
+    past, [after] = look_past_what_is_gone(*arguments, sure=doubting)
+    assert past is None and after is told and told.rays[column].sum() == 0
 
 
 HALF = ((4.0, 2.15, 1.3), (0.1, 1.65, 1.3), WALL)  # of a wall at 4 m: what stands of it, from y = 0.5 on
