@@ -212,6 +212,7 @@ def test_nothing_is_deleted_while_a_scan_may_be_of_another_place(tmp_path):
         assert record["doubted"] is doubted and record["doubts"] == list(doubts)
 
 
+@pytest.mark.long
 def test_nothing_is_deleted_while_points_contradict_their_pose(room, tmp_path, capsys):
     pytest.importorskip("ifcopenshell")
     from jaxmm import cli

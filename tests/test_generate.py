@@ -87,6 +87,7 @@ def test_a_folder_holds_all_that_is_promised(expected, config, tmp_path):
     assert f"{COUNT} pairs" in expected["card.md"].decode()
 
 
+@pytest.mark.long
 def test_two_workers_write_the_same_bits(config, expected, tmp_path):
     generate.generate(load(config), tmp_path / "out", Request(COUNT, workers=2))
     assert files(tmp_path / "out") == expected

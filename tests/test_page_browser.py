@@ -115,6 +115,7 @@ def test_browser_shows_hostile_names_as_text(driver, case, tmp_path):
         assert shown <= 0  # a long name breaks its line, not the page
 
 
+@pytest.mark.long
 def test_browser_goes_to_mismatches_and_filters(driver, case, tmp_path):
     detection = hostile(case.detection)
     with Page(driver, tmp_path / "report.html", detection) as page:
@@ -139,6 +140,7 @@ def test_browser_goes_to_mismatches_and_filters(driver, case, tmp_path):
             assert sorted(rows) == sorted(one.guid for one in detection.elements if one.verdict == verdict)
 
 
+@pytest.mark.long
 def test_browser_is_steered_by_mouse_and_keys(driver, case, tmp_path):
     from selenium.webdriver.common.action_chains import ActionChains
     from selenium.webdriver.common.actions.wheel_input import ScrollOrigin

@@ -128,6 +128,7 @@ def test_walls_that_are_built_a_little_off_and_ranges_that_err_do_not_refuse_a_s
     assert found.shift < 0.05 and not found.notes
 
 
+@pytest.mark.long
 def test_a_scan_of_another_room_is_refused_by_a_cloud_too():
     """Each room's own scan fits its cloud; those of others, put where it was taken from, do not, but for a chance.
 

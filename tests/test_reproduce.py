@@ -124,6 +124,7 @@ def test_a_run_that_is_killed_again_and_again_ends_in_the_same_bits(finished_run
     assert not list(folder.rglob(".*.tmp")) and not list(folder.rglob("*orbax-checkpoint-tmp*"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lost", ["table_1.json", "rooms/wall_added_clean.json", "rooms/*.npz"])
 def test_what_is_missing_from_a_run_is_made_again_the_same(finished_run, tmp_path, lost, monkeypatch):
     """In this process, hence with other threads and caches: the results are those of another process."""

@@ -66,6 +66,7 @@ def test_joint_training_is_four_separate_trainings(mode):
             assert largest_difference(pick(states, index), separate[index]) < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", MODES)
 def test_joint_gradients_in_float32(mode):
     # Four features: with one, normalisation cancels the scale of the first kernel and its gradient is mostly rounding.

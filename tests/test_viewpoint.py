@@ -62,6 +62,7 @@ def test_whole_scans_tell_where_they_were_taken(preset, pitch, noise):
     assert np.mean(within) > 0.7
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset, pitch", [("thesis", 0.0), ("varied", None)])
 def test_scans_thinned_to_voxels_tell_it_too(preset, pitch):
     for points, pose in scans(preset):
@@ -146,6 +147,7 @@ def test_coordinates_of_a_national_grid_lose_nothing():
     np.testing.assert_allclose(far.yaw, near.yaw, atol=1e-2)
 
 
+@pytest.mark.long
 def test_a_seed_fixes_the_estimate_and_order_and_copies_of_points_do_not_matter():
     points, _ = scans("thesis")[2]
     first = estimate(points, seed=3)
@@ -280,6 +282,7 @@ def test_a_pose_that_the_points_contradict_is_doubted_and_the_true_one_is_not():
     assert doubted > 8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", ["varied", "thesis"])
 def test_a_place_half_a_metre_off_is_doubted_and_the_true_one_is_told(preset):
     rng, doubted, off = np.random.default_rng(0), 0, []
