@@ -22,7 +22,7 @@ report: setup
 
 # All but those that make whole runs again, notebooks, clusters and the paper's figures; `make test ALL=1` makes these, too.
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(ALL),,-m "not long")
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(filter-out 0,$(ALL)),,-m "not long")
 
 setup: .venv/current
 
