@@ -102,7 +102,9 @@ def _unasked(building: Building) -> list[str]:
 
 
 def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:
-    """Points (M, 3) float64 [m] as a prior."""
+    """Points (M, 3) float64 [m] as a prior; ValueError without any."""
+    if not len(points):
+        raise ValueError("expected the points of a prior, got none")
     far = np.abs(points).max() > NEAR_ORIGIN
     origin = np.rint(np.median(points, axis=0)) if far else np.zeros(3)
     offsets = (points - origin).astype(np.float32)

@@ -140,6 +140,11 @@ def test_an_ifc_file_says_its_unit_and_project(tmp_path, old, new, unit):
     assert read_prior(tmp_path / "a.ifc").file == PriorFile("a.ifc", "ifc", pytest.approx(unit), guid)
 
 
+def test_a_cloud_without_points_is_no_prior():
+    with pytest.raises(ValueError, match="expected the points of a prior, got none"):
+        prior_of_cloud(np.zeros((0, 3)))
+
+
 def test_a_cloud_on_a_national_grid_loses_nothing():
     corner = np.array([155_000.25, 463_000.5, 12.0])
     points = corner + np.random.default_rng(0).random((4000, 3)) * [10, 8, 3]
