@@ -183,12 +183,12 @@ def _names(files: list[Path]) -> list[str]:
 
 def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Reading) -> NamedScan:
     """One scan in its place, with all that was assumed about it."""
-    points, pose, source, told = lay(prior, own, reading.unit)
-    notes, sensor, deviation, doubts = [*scan.remarks, *told], reading.sensor, None, []
+    points, pose, source, told, contradictions = lay(prior, own, reading.unit)
+    notes, sensor, deviation, doubts = [*scan.remarks, *told], reading.sensor, None, list(contradictions)
     thin = points[thin_clouds([(points - prior.origin).astype(np.float32)], ESTIMATED_FROM)[0]]
     if pose is not None:
         view = (sensor.horizontal_fov, sensor.vertical_fov) if isinstance(sensor, Pinhole) else None
-        doubts = doubts_about(points, thin, *pose, view)
+        doubts += doubts_about(points, thin, *pose, view)
         # It changes nothing but what is drawn, and files of scanners that look around say nothing by it.
         if sensor is None and source == "given" and is_turned_away(thin, *pose):
             notes.append("hardly any of its points lies before the sensor, as it is turned: is its yaw right?")

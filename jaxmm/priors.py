@@ -97,7 +97,8 @@ def prior_of_building(building: Building) -> Prior:
 def _unasked(building: Building) -> list[str]:
     """That nobody tells of curtain walls, where the building has any."""
     count = sum(one in FACADE for one in building.elements.ifc_class)
-    told = f"note: {count} elements are of the classes {', '.join(FACADE)}: rays meet them, but they get no verdict"
+    of = "1 element is" if count == 1 else f"{count} elements are"
+    told = f"note: {of} of the classes {', '.join(FACADE)}: rays meet them, but they get no verdict"
     return [told] if count else []
 
 

@@ -38,6 +38,7 @@ class OwnScan(NamedTuple):
     source: str  # of the pose: "given", "file", or "estimated" as long as there is none
     carried: bool  # the points are in the sensor's frame, and it is the given pose that takes them to the world
     stated: np.ndarray | None = None  # (3,) float64 of the sensor in its file, in the file's unit, if another was given
+    in_world: bool = False  # it was the pose in the file that took the points to the world
 
     def world(self, points: np.ndarray) -> np.ndarray:
         """Some of its points (n, 3) [m], in the frame that the scan is said to be in."""
@@ -51,6 +52,7 @@ class LaidScan(NamedTuple):
     pose: tuple[np.ndarray, np.ndarray] | None  # position (3,) [m] and rotation (3, 3); None: to be estimated
     source: str
     notes: tuple[str, ...]  # what was told by trying
+    doubts: tuple[str, ...] = ()  # that its pose contradicts its file
 
 
 class MapGrid(NamedTuple):
@@ -93,7 +95,7 @@ def own_scan(scan: PointScan, given: GivenPose | None, frame: str) -> OwnScan:
         elif not scan.in_world:
             points = points @ rotation.T + position
     stated = scan.position if source == "given" and frame == "world" else None
-    return OwnScan(points, position, rotation, source, carried, stated)
+    return OwnScan(points, position, rotation, source, carried, stated, scan.in_world)
 
 
 def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
@@ -123,14 +125,14 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
     notes = (f"it fits the prior in {UNITS[fit.unit]}, and was read so",) if unit is None and fit.unit != 1.0 else ()
     stated = None if scan.stated is None else (grid.back if on_map else np.asarray)(scan.stated * fit.unit)
     if not on_map:
-        return LaidScan(points, pose, scan.source, (*notes, *_other_place(pose, stated)))
+        return _told(LaidScan(points, pose, scan.source, notes), scan, stated)
     moved = grid.back(points)
     if pose is not None and (scan.source == "file" or _nearer(position, points, moved)):
         pose = grid.back(position), grid.turn @ scan.rotation
     note = (
         "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
     )
-    return LaidScan(moved, pose, scan.source, (*notes, note, *_other_place(pose, stated)))
+    return _told(LaidScan(moved, pose, scan.source, (*notes, note)), scan, stated)
 
 
 def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
@@ -146,10 +148,16 @@ def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
     return f"it is {away:.0f} m away, as on a map grid: bring both into one frame{why}"
 
 
-def _other_place(pose: tuple[np.ndarray, np.ndarray] | None, stated: np.ndarray | None) -> tuple[str, ...]:
-    """What is to be said of a given pose that is far from the place (3,) [m] that the scan's file states."""
-    off = 0.0 if stated is None else float(np.linalg.norm(pose[0] - stated))
-    return (f"its pose as given is {off:.1f} m from the one in its file",) if off > FAR_FROM_FILE else ()
+def _told(laid: LaidScan, scan: OwnScan, stated: np.ndarray | None) -> LaidScan:
+    """With what is to be said of a given pose that is far from the place (3,) [m] that the scan's file states.
+
+    It is in doubt where the file's took the points to where they are; else the file's may be a mere remark.
+    """
+    off = 0.0 if stated is None or laid.pose is None else float(np.linalg.norm(laid.pose[0] - stated))
+    if off <= FAR_FROM_FILE:
+        return laid
+    told = f"its pose as given is {off:.1f} m from the one in its file"
+    return laid._replace(doubts=(told,)) if scan.in_world else laid._replace(notes=(*laid.notes, told))
 
 
 def fitting_prior(path: Path, options: Any, scans: list[OwnScan], unit: float | None) -> Prior:

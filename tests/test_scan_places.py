@@ -82,14 +82,19 @@ def test_points_are_moved_once_and_to_where_they_were_measured(room, kind, unit,
     assert notes == (() if told or unit == 1.0 else (f"it fits the prior in {UNITS[unit]}, and was read so",))
 
 
+@pytest.mark.parametrize("in_world", [False, True])
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
-def test_a_given_pose_far_from_the_one_in_the_file_is_told(room, unit):
-    scan = PointScan(room[1] * unit, GIVEN.position * unit, GIVEN.rotation, (), False)
+def test_a_given_pose_far_from_the_one_in_the_file_is_told(room, unit, in_world):
+    """It is in doubt where the file's pose took the points to where they are, and not where it is a mere remark."""
+    scan = PointScan(room[1] * unit, GIVEN.position * unit, GIVEN.rotation, (), in_world)
     near, far = (GIVEN._replace(position=GIVEN.position + np.array([by, 0.0, 0.0])) for by in (0.3, 4.5))
     for given, said in ((None, False), (GIVEN, False), (near, False), (far, True)):
-        notes = lay(prior_of_cloud(room[1]), own_scan(scan, given, "world"), None).notes
-        assert ("its pose as given is 4.5 m from the one in its file" in notes) == said
-    assert not lay(prior_of_cloud(room[1]), own_scan(plain(room[1]), far, "world"), None).notes
+        laid = lay(prior_of_cloud(room[1]), own_scan(scan, given, "world"), None)
+        told, silent = (laid.doubts, laid.notes) if in_world else (laid.notes, laid.doubts)
+        assert ("its pose as given is 4.5 m from the one in its file" in told) == said
+        assert not any("in its file" in note for note in silent)
+    laid = lay(prior_of_cloud(room[1]), own_scan(plain(room[1]), far, "world"), None)
+    assert not laid.notes and not laid.doubts
 
 
 def test_the_sensors_frame_needs_a_pose(room):

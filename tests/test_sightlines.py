@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from warp_scanner.sensors import Pinhole, sensor_named
-from warp_scanner.sightlines import Predicted, Targets, look, sort_directions
+from warp_scanner.sightlines import Predicted, Targets, cells_of, look, sort_directions
 
 
 def random_directions(rng, count):
@@ -125,6 +125,16 @@ def test_every_ray_is_in_the_grid_once():
         assert sorted(grid.ray.tolist()) == list(range(len(directions)))
         np.testing.assert_array_equal(grid.direction, directions[grid.ray])
         assert grid.cell_start[-1] == len(directions) and np.all(np.diff(grid.cell_start) >= 0)
+
+
+def test_cells_begin_straight_behind_on_either_side_of_zero():
+    """There, and straight below, an angle in float32 is a little less than minus pi."""
+    for z in np.linspace(-1.0, 1.0, 2001):
+        x = -max(np.sqrt(1.0 - z * z), 1e-3)
+        directions = (np.array([[x, -0.0, z], [x, -1e-6, z]]) / np.hypot(x, z)).astype(np.float32)
+        behind, first, _ = cells_of(directions, 0.015)
+        assert behind[0] == behind[1] and behind[0] in first
+        assert sort_directions(directions, 0.015).cell_start[-1] == 2
 
 
 def test_shapes_that_disagree_are_refused():

@@ -93,7 +93,8 @@ def cells_of(direction: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray
     cells = np.maximum(1, np.floor(2 * np.pi * np.cos(middle) / cell)).astype(np.int64)
     row_start = starts_of(cells)
     elevation = np.arcsin(np.clip(direction[:, 2].astype(np.float64), -1.0, 1.0))
-    turn = (np.arctan2(direction[:, 1], direction[:, 0]).astype(np.float64) + np.pi) / (2 * np.pi)
+    # In float32, minus pi may be less than minus pi.
+    turn = np.maximum(np.arctan2(direction[:, 1], direction[:, 0]).astype(np.float64) + np.pi, 0.0) / (2 * np.pi)
     row = np.clip(np.floor((elevation + np.pi / 2) / height), 0, rows - 1).astype(np.int64)
     at = row_start[row] + np.minimum(np.floor(turn * cells[row]), cells[row] - 1).astype(np.int64)
     return at, row_start, height
