@@ -21,6 +21,7 @@ from jaxmm.scan_units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
 ON_A_MAP, TALL_ROOM = 5000.0, 50.0  # [m] a scan so far away is on a map grid; so high, it is in a small unit
 FAR_FROM_FILE = 0.5  # [m] a given pose may be from that of the file, and nothing is said
+ON_GRID = "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
 LEAST = 0.2  # share of points that must lie on a prior read another way
 CLEARER = 1.25  # times as many points must lie on it as on the prior as it is
 STOREY = 3.0  # [m] about as high as scans are
@@ -124,15 +125,12 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
     pose = None if position is None else (position, scan.rotation)
     notes = (f"it fits the prior in {UNITS[fit.unit]}, and was read so",) if unit is None and fit.unit != 1.0 else ()
     stated = None if scan.stated is None else (grid.back if on_map else np.asarray)(scan.stated * fit.unit)
-    if not on_map:
-        return _told(LaidScan(points, pose, scan.source, notes), scan, stated)
-    moved = grid.back(points)
-    if pose is not None and (scan.source == "file" or _nearer(position, points, moved)):
-        pose = grid.back(position), grid.turn @ scan.rotation
-    note = (
-        "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
-    )
-    return _told(LaidScan(moved, pose, scan.source, (*notes, note)), scan, stated)
+    if on_map:
+        moved = grid.back(points)
+        if pose is not None and (scan.source == "file" or _nearer(position, points, moved)):
+            pose = grid.back(position), grid.turn @ scan.rotation
+        points, notes = moved, (*notes, ON_GRID)
+    return _compared(LaidScan(points, pose, scan.source, notes), stated, scan.in_world)
 
 
 def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
@@ -148,16 +146,16 @@ def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
     return f"it is {away:.0f} m away, as on a map grid: bring both into one frame{why}"
 
 
-def _told(laid: LaidScan, scan: OwnScan, stated: np.ndarray | None) -> LaidScan:
+def _compared(laid: LaidScan, stated: np.ndarray | None, in_world: bool) -> LaidScan:
     """With what is to be said of a given pose that is far from the place (3,) [m] that the scan's file states.
 
     It is in doubt where the file's took the points to where they are; else the file's may be a mere remark.
     """
-    off = 0.0 if stated is None or laid.pose is None else float(np.linalg.norm(laid.pose[0] - stated))
+    off = 0.0 if stated is None else float(np.linalg.norm(laid.pose[0] - stated))
     if off <= FAR_FROM_FILE:
         return laid
     told = f"its pose as given is {off:.1f} m from the one in its file"
-    return laid._replace(doubts=(told,)) if scan.in_world else laid._replace(notes=(*laid.notes, told))
+    return laid._replace(doubts=(told,)) if in_world else laid._replace(notes=(*laid.notes, told))
 
 
 def fitting_prior(path: Path, options: Any, scans: list[OwnScan], unit: float | None) -> Prior:

@@ -8,12 +8,14 @@ from detections import true_case
 from scipy.spatial.transform import Rotation
 
 from jaxmm import detect, detect_files
+from jaxmm.detect_settings import DetectSettings
 from jaxmm.files import load_json, write_folder
 from jaxmm.ifc_update import write_update
 from jaxmm.inputs import InputError
 from jaxmm.scan_poses import parse_pose
 from warp_scanner.ifc_files import read_ifc
 
+BELIEVED = DetectSettings(refine=False, propose_views=False)
 MAP = np.array([155_000.25, 463_000.5, 12.0])  # [m] on a national grid
 
 
@@ -210,6 +212,15 @@ def test_nothing_is_deleted_while_a_scan_may_be_of_another_place(tmp_path):
         assert gone and (gone <= left) == doubted and bool(gone & left) == doubted
         record = load_json(out / "report.json")["scans"][0]
         assert record["doubted"] is doubted and record["doubts"] == list(doubts)
+
+
+def test_a_given_pose_that_the_file_contradicts_is_doubted(room):
+    folder, case = room
+    x, y, *rest = case.detection.scans[0].pose
+    for off in (0.0, 0.8):
+        pose = parse_pose(",".join(map(str, (x + off, y, *rest))))
+        doubts = detect(case.ifc, folder / "a" / "scan.npz", [pose], settings=BELIEVED).doubts
+        assert any("its pose as given is 0.8 m from the one in its file" in one for one in doubts) == bool(off)
 
 
 @pytest.mark.long
