@@ -13,6 +13,7 @@ import numpy as np
 from jaxmm.boxes import MISMATCH_TYPES
 from jaxmm.building_sighting import passed_by, sight, surfaces_along
 from jaxmm.cloud_comparison import compare, visible
+from jaxmm.contradictions import doubts_by_rays
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.hanging import without_hanging
 from jaxmm.hindsight import for_sure
@@ -153,10 +154,11 @@ def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
     try:
         rays = rays_of_scan(one.scan)
         if prior.has_elements:
-            return place(
+            found = place(
                 one.scan, surfaces_along(prior.scene, rays), refine=settings.refine, limits=settings.limits,
                 passed=lambda: passed_by(prior.scene, rays),
             )  # fmt: skip
+            return found._replace(notes=(*found.notes, *doubts_by_rays(prior.scene, found.scan)))
         return place(
             one.scan, visible(prior.cloud, rays), refine=settings.refine, limits=settings.cloud_limits,
             in_sight_only=True,
