@@ -66,6 +66,7 @@ class Continuation(NamedTuple):
 
 STEP = 0.1  # [m] in which the line of a face is followed beyond its end
 LOOKED_THROUGH = 0.3  # share of the rays that pass, from which on nothing is there
+ALONE = 2  # points or fewer at the back of a wall tell nothing of its thickness
 NEXT_TO, HIDDEN = 2, 0.7  # steps beyond an end, and share of their rays that end before them, which covers them
 
 
@@ -85,7 +86,7 @@ def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSe
     depth = -(offset @ wall.toward)
     # A single column of points on a slanting end may be anywhere on it.
     shows = [piece for piece in others if piece.face.length >= settings.tolerance]
-    seen = float(depth[depth <= settings.most_thickness].max()) if shows else 0.0
+    seen = _reached(depth[depth <= settings.most_thickness], 2.0 * settings.tolerance) if shows else 0.0
     is_seen = seen >= settings.least_thickness
     thickness = _fitting(seen, settings, known.walls) if is_seen else _unseen(sight, wall, settings, known)
     to_its_back = is_seen and any(
@@ -108,6 +109,13 @@ def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSe
     center = middle + face.along * (low + high) / 2
     edges = np.array([high - low, thickness])
     return Solid("wall", "rectangular", center, edges, face.along, members, (whole, to_its_back))
+
+
+def _reached(depth: np.ndarray, close_to: float) -> float:
+    """The largest of depths (n,) [m] that others are close to [m]: what lies alone hangs behind the edge."""
+    depth = np.sort(depth)
+    close = np.flatnonzero(depth[ALONE:] - depth[:-ALONE] <= close_to)
+    return float(depth[close[-1] + ALONE]) if len(close) else float(depth[-1])
 
 
 def is_back(wall: Piece, piece: Piece, settings: WallSettings) -> bool:

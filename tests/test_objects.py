@@ -102,6 +102,17 @@ def test_a_short_wall_seen_from_both_sides_is_as_thick_as_it_is(thickness):
     assert found.measured[:2] == (True, True)
 
 
+def test_a_point_that_hangs_behind_the_end_of_a_wall_makes_it_no_thicker():
+    seen = judged(wall(3.0, 1.6, 1.6, 0.12, 90.0))
+    stray = Judged(
+        np.append(seen.points, [[3.19, 0.8, 1.4]], axis=0), *(np.append(one, 0.9) for one in (seen.pillar, seen.wall)),
+        np.append(seen.apart, 0.5), *seen[4:7],
+    )  # fmt: skip
+    for one in (seen, stray):
+        box = only(find_objects(one, judge=says(0.02, 0.02, 0.96)), "wall")
+        assert min(box.dimensions[:2]) == pytest.approx(0.12, abs=0.03)
+
+
 def test_walls_that_meet_are_two_and_a_wall_behind_a_pillar_is_one():
     corner = wall(3.5, 0.0, 3.0, 0.2, 90), wall(2.4, -1.0, 2.0, 0.2, 0)
     found = find_objects(judged(*corner))
