@@ -129,6 +129,12 @@ def outside(places: np.ndarray, center: np.ndarray, edges: np.ndarray, along: np
     return (np.abs((places - center) @ axes.T) - edges / 2).max(axis=1)
 
 
+def inside_hull(places: np.ndarray) -> np.ndarray:
+    """How far (n,) [m] places (n, 2), not all in one line, lie inside of the convex hull of them all."""
+    sides = ConvexHull(places).equations
+    return -(places @ sides[:, :2].T + sides[:, 2]).max(axis=1)
+
+
 def is_round(vertices: np.ndarray) -> bool:
     """Whether the footprint of an upright solid is a circle, as the corners of its hull in plan tell: eight or more.
 

@@ -9,9 +9,11 @@ import numpy as np
 
 from jaxmm.object_candidates import LEAST_SIDE, Candidate, CandidateSettings
 from jaxmm.object_pieces import Piece
-from jaxmm.object_shapes import face_through, outside, rectangle_along, upright_along
+from jaxmm.object_shapes import face_through, inside_hull, outside, rectangle_along, upright_along
 from jaxmm.object_sight import Sight
 from jaxmm.object_walls import KnownBuilding, Solid, continuations, ends_in_view, wall_behind, wall_end_on
+
+OUTLINED = 0.5  # share of the points of a section with recesses that lie outermost; of a face smeared by noise fewer
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,8 +117,8 @@ def _front(sight: Sight, candidate: Candidate, settings: SolidSettings, known: K
     """A pillar of which one face is seen."""
     first, members = candidate.first, candidate.members
     if (outline := _angled(sight.points[members, :2], first, settings)) is not None:
-        center, edges, along = outline
-        return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), along, members)
+        center, edges, along, whole = outline
+        return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), along, members, (whole, whole))
     length = first.face.length
     edges = np.array([length, _depth(length, settings, known)])
     center = first.face.center - first.toward * edges[1] / 2
@@ -125,15 +127,24 @@ def _front(sight: Sight, candidate: Candidate, settings: SolidSettings, known: K
 
 
 def _angled(places: np.ndarray, first: Piece, settings: SolidSettings) -> tuple[np.ndarray, ...] | None:
-    """Centre (2,), edges (2,) [m] and direction (2,) of two short sides of a rectangle that passed for one face."""
+    """The rectangle whose sides passed for one face: centre (2,), edges (2,) [m], direction (2,), and if all is on it.
+
+    They are two short ones; or flanges with a web between them, which lies inside and tells nothing of the rectangle.
+    """
     off_face = (places - first.face.center) @ first.face.across
-    along = upright_along(places)
-    center, edges = rectangle_along(places, along)
-    inner = edges / 2 - np.abs((places - center) @ np.stack([along, [-along[1], along[0]]]).T)
-    smeared, outlined = (float(np.sqrt(np.mean(off**2))) for off in (off_face, inner.min(axis=1)))
-    if edges.min() < settings.least_width or smeared < settings.tolerance or outlined > 0.5 * smeared:
+    smeared = float(np.sqrt(np.mean(off_face**2)))
+    if smeared < settings.tolerance:
         return None
-    return center, edges, along
+    outermost = inside_hull(places) <= settings.tolerance / 2
+    outline = places[outermost] if outermost.mean() >= OUTLINED else places
+    along = upright_along(outline)
+    center, edges = rectangle_along(places, along)
+    outlined, all_of_it = (
+        float(np.sqrt(np.mean(outside(some, center, edges, along) ** 2))) for some in (outline, places)
+    )
+    if edges.min() < settings.least_width or outlined > 0.5 * smeared:
+        return None
+    return center, edges, along, all_of_it <= 0.5 * smeared
 
 
 def _corner(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownBuilding) -> Solid:

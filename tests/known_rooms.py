@@ -36,6 +36,13 @@ def pillar(x, y, width, yaw=0.0, kind=BOX, high=CEILING):
     return slab((x, width), (y, width), FLOOR, high, yaw, kind)
 
 
+def i_section(x, y, width, yaw, thickness=0.02):
+    """A column of two flanges and a web."""
+    away = (width - thickness) / 2 * np.array([-np.sin(np.radians(yaw)), np.cos(np.radians(yaw))])
+    flanges = (wall(x + side * away[0], y + side * away[1], width, thickness, yaw) for side in (-1.0, 1.0))
+    return *flanges, wall(x, y, thickness, width, yaw)
+
+
 def wall(x, y, length, thickness, yaw, high=CEILING):
     return slab((x, length), (y, thickness), FLOOR, high, yaw)
 

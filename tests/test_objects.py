@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, says, slab, wall
+from known_rooms import CEILING, FLOOR, SENSOR, i_section, judged, pillar, says, slab, wall
 
 from jaxmm.box_match import match_boxes
 from jaxmm.boxes import Box
@@ -52,6 +52,15 @@ def test_a_slender_pillar_is_turned_as_its_two_short_faces_are(seed):
     turn = (box.rotation - yaw) % 90.0
     assert min(turn, 90.0 - turn) < 4.0
     np.testing.assert_allclose(box.center[:2], [x, y], atol=0.03)
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_a_column_of_flanges_and_a_web_stands_where_its_outline_does(seed):
+    rng = np.random.default_rng(seed)
+    x, y, yaw = rng.uniform(1.5, 3.5), rng.uniform(-0.8, 0.8), rng.uniform(0, 180)
+    box = only(find_objects(judged(*i_section(x, y, 0.3, yaw)), judge=says(0.02, 0.96, 0.02)), "pillar")
+    assert np.linalg.norm(box.center[:2] - [x, y]) < 0.1
+    np.testing.assert_allclose(box.dimensions[:2], 0.3, atol=0.12)
 
 
 def test_a_pillar_that_shows_one_face_is_taken_for_a_square_one_or_for_a_known_one():
