@@ -24,7 +24,7 @@ SPACING = 0.05  # [m] that the points are thinned to
 AROUND, UPON = 0.2, 0.04  # [m] from where a ray passes, and off the surface, within which points show that it stands
 NEIGHBOURS = 24  # points that are looked at; a square of twice AROUND holds 64
 # Of the rays. In 338 views of eight buildings, of which some element is new or gone, right places have 0.0005 at most,
-# whatever the sensor. Of 98 places 3 m off 54 have more than this: 38 of the 49 from which a standing element looks gone.
+# whatever the sensor. Of 98 places 3 m off 54 have more than this: 38 of the 49 where a standing element looks gone.
 MOST_CONTRADICTED = 0.005
 
 
