@@ -16,6 +16,7 @@ from jaxmm.detect_settings import DetectSettings
 from jaxmm.evidence import SUPPORT, THROUGH
 from jaxmm.hindsight import Alone
 from jaxmm.judging import Side
+from jaxmm.mismatch_points import inside
 from jaxmm.object_clues import ONTO
 from jaxmm.object_finish import Rays
 from jaxmm.object_shapes import is_round
@@ -38,10 +39,11 @@ MOST_DENIED = 0.03  # share of the rays that tell anything, which may look throu
 MOST_OPEN = 0.3  # and that may pass through its openings, if it is a wall, below or above what is seen of it
 STOREY = 1.5  # [m] between floors of two storeys, at least
 LEAST_LOWER = 0.05  # [m] by which a roof is lower than the ceiling that a thing is made up to
-OFF_PLACE, MOST_TURNED = 1.2, 0.1  # [m] and sine of the angle, by which a wall may be built off its place
+OFF_PLACE, MOST_TURNED = 1.2, 0.1  # [m] and sine of a wall's angle, by which things may be built off their place
 SKY = np.radians(1.0)  # of one direction of which nothing comes back: about a voxel of 0.1 m at 6 m
 FURNITURE = ObjectSettings().furniture_height  # [m]
 SAME_SIZE = (0.1, 0.15)  # [m], share: sides of an object that moved differ by no more than the greater of both
+AS_FAR = 20.0  # metres that an object moved count as much as one by which its sides differ: rows of columns are alike
 
 
 class Looked(NamedTuple):
@@ -68,9 +70,9 @@ def mismatches_of(
         looked: each scan.
         verdicts: of all elements of a building; None for a cloud, of which objects are fitted as of the robot's points.
         settings: how.
-        past_gone: the same scans compared with what remains of the building, where something is gone. Of what is new
-            only in these, walls count that may be the ones that are gone, off their place: furniture in the next room
-            would do so, too.
+        past_gone: the same scans compared with what remains of the building, where something is gone. Of what these
+            show to be new only that counts which may be what is gone, off its place, and instead of what is seen of it
+            without: furniture in the next room would count, too.
     """
     if verdicts is not None and settings.preset != "thesis":
         gone = _gone(prior, looked, verdicts)
@@ -80,10 +82,9 @@ def mismatches_of(
         gone = _all_fitted(prior, looked, "removed", settings)
     found = sorted(gone, key=lambda one: -one.probability)
     new = _all_fitted(prior, looked, "added", settings)
-    may_be_moved = past_gone and any(one.object_type == "wall" for one in gone)
-    for one in _all_fitted(prior, past_gone, "added", settings) if may_be_moved else ():
-        if any(_is_off_its_place(one, other) for other in gone) and not match_boxes([box_of(one)], [*map(box_of, new)]):
-            new.append(one)
+    if past_gone and gone:
+        past = _all_fitted(prior, past_gone, "added", settings)
+        new = _with_more(new, [one for one in past if any(_is_off_its_place(one, other) for other in gone)])
     found += sorted(new, key=lambda one: -one.probability)
     return tuple(_linked([one for one in found if one.probability >= settings.least_probability]))
 
@@ -285,11 +286,25 @@ def _mismatch(
     )  # fmt: skip
 
 
+def _with_more(found: list[Mismatch], more: list[Mismatch]) -> list[Mismatch]:
+    """What was found and more, which takes the place of what it was held for when less of it seemed to be new."""
+    for one in more:
+        found = [other for other in found if not _is_part_of(other, one)] + [one]
+    return found
+
+
+def _is_part_of(part: Mismatch, whole: Mismatch) -> bool:
+    boxes = box_of(part), box_of(whole)
+    return bool(match_boxes(boxes[:1], boxes[1:])) or bool(inside(whole, part.center[None], np.zeros(3))[0])
+
+
 def _is_off_its_place(new: Mismatch, gone: Mismatch) -> bool:
-    """Whether a new wall may be one that is gone: along it, beside it, and higher than furniture."""
-    if new.object_type != "wall" or gone.object_type != "wall" or new.dimensions[2] < FURNITURE:
+    """Whether something new may be what is gone: a wall along it and beside it, or a column of its size near by."""
+    if new.object_type != gone.object_type or new.dimensions[2] < FURNITURE:
         return False
     along, offset = long_axis(gone.dimensions, gone.rotation), (new.center - gone.center)[:2]
+    if new.object_type == "pillar":
+        return bool(np.linalg.norm(offset) <= OFF_PLACE) and math.isfinite(_unlike(new, gone))
     across = np.array([-along[1], along[0]])
     beside = abs(float(offset @ across))
     overlap = float(np.mean([max(one.dimensions[:2]) for one in (new, gone)])) - abs(float(offset @ along))
@@ -298,9 +313,9 @@ def _is_off_its_place(new: Mismatch, gone: Mismatch) -> bool:
 
 
 def _linked(found: list[Mismatch]) -> list[Mismatch]:
-    """Added objects of the size of a removed one point to it: the likest pairs first, each object once."""
+    """Added objects of the size of a removed one point to it: the likest and nearest pairs first, each object once."""
     pairs = sorted(
-        (difference, new, old)
+        (difference * AS_FAR + float(np.linalg.norm(one.center - other.center)), new, old)
         for new, one in enumerate(found)
         for old, other in enumerate(found)
         if one.mismatch_type == "added" and other.mismatch_type == "removed"

@@ -215,6 +215,25 @@ def test_a_wall_that_was_built_off_its_place_is_gone_there_and_new_here(judges, 
             assert gone.verdict == REMOVED
 
 
+@pytest.mark.parametrize("away", [0.25, 0.4, 0.9])
+@pytest.mark.parametrize("width", [0.3, 0.5])
+def test_a_column_that_moved_straight_away_is_gone_there_and_new_here(judges, away, width):
+    """Its old place is before it: all that is seen of it is beyond what the rays should have met, as old things are."""
+    column, moved = (((x, 0.2, 1.3), (width / 2, width / 2, 1.3), PILLAR) for x in (0.5, 0.5 + away))
+    prior, position = prior_of_building(walls_of_room(3.0, column)), np.array([-2.0, 0.2, 1.4])
+    found = detect_scans(prior, [named(scan_of(walls_of_room(3.0, moved), position))], judges, AS_IS)
+    gone, new = found.mismatches
+    assert (gone.mismatch_type, new.mismatch_type, new.object_type) == ("removed", "added", "pillar")
+    assert np.abs(new.center[:2] - [0.5 + away, 0.2]).max() < 0.06 and new.moved_from == 0
+
+
+def test_what_is_not_of_its_size_behind_a_column_that_is_gone_is_no_column(judges):
+    column, cabinet = ((0.5, 0.2, 1.3), (0.2, 0.2, 1.3), PILLAR), ((1.4, 0.2, 0.9), (0.3, 0.5, 0.9), TABLE)
+    prior, position = prior_of_building(walls_of_room(3.0, column)), np.array([-2.0, 0.2, 1.4])
+    found = detect_scans(prior, [named(scan_of(walls_of_room(3.0, cabinet), position))], judges, AS_IS)
+    assert [one.mismatch_type for one in found.mismatches] == ["removed"]
+
+
 def test_a_new_wall_has_openings_that_one_looks_through(judges):
     """Two metres of wall around an open window; what is seen between posts, from floor to ceiling, is no opening."""
     sides = [((0.0, 0.2 + y, 1.3), (0.1, 0.3, 1.3), WALL) for y in (-0.7, 0.7)]

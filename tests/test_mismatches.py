@@ -8,7 +8,7 @@ from jaxmm.boxes import Box, BoxSettings
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans, look_at
-from jaxmm.mismatches import _below_roof, _linked, _measured_by_thesis, mismatches_of
+from jaxmm.mismatches import _below_roof, _linked, _measured_by_thesis, _with_more, mismatches_of
 from jaxmm.priors import prior_of_building, prior_of_cloud
 from jaxmm.report import Mismatch
 from jaxmm.room_scans import room_cases, true_boxes
@@ -51,6 +51,28 @@ def test_each_is_linked_once_and_the_likest_first():
         None,
     ]
     assert len({one.moved_from for one in found[2:]}) == 3
+
+
+def test_of_columns_that_are_alike_each_is_linked_to_the_nearest():
+    """Sizes are measured to centimetres: they tell rows of columns apart only where they clearly differ."""
+    old = [mismatch("removed", (0.4, 0.4))._replace(center=np.array([6.0 * number, 0.0, 1.5])) for number in range(4)]
+    new = [
+        mismatch("added", (0.4 + 0.01 * number, 0.4))._replace(center=np.array([6.0 * number + 1.0, 0.5, 1.5]))
+        for number in range(4)
+    ]
+    found = _linked([*old, *reversed(new)])
+    assert [one.moved_from for one in found[4:]] == [3, 2, 1, 0]
+    wide = new[0]._replace(dimensions=np.array([0.49, 0.4, 3.0]))
+    far = mismatch("removed", (0.49, 0.4))._replace(center=np.array([2.0, 0.5, 1.5]))
+    assert _linked([old[0], far, wide])[2].moved_from == 1
+
+
+def test_what_is_seen_whole_takes_the_place_of_its_parts():
+    wall = mismatch("added", (6.0, 0.2), kind="wall")
+    parts = [wall._replace(center=wall.center + [x, 0.02, 0.0], dimensions=np.array([1.5, 0.2, 3.0])) for x in (-2, 2)]
+    other = wall._replace(center=wall.center + [0.0, 1.0, 0.0])
+    assert _with_more([*parts, other], [wall]) == [other, wall]
+    assert _with_more([other], []) == [other]
 
 
 def test_two_of_a_kind_of_change_are_no_move():
