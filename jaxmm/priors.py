@@ -14,7 +14,9 @@ from jaxmm.inputs import InputError
 from jaxmm.object_shapes import is_round
 from jaxmm.object_walls import KnownBuilding
 from jaxmm.report import PriorFile
-from jaxmm.scan_files import READERS, read_scans
+from jaxmm.scan_files import READERS, PointScan, read_scans
+from jaxmm.scan_noise import settled
+from jaxmm.scan_rays import PosedScan, overtaken
 from jaxmm.scan_units import Distance
 from warp_scanner.building_changes import Change, of_element
 from warp_scanner.building_files import read_building
@@ -29,6 +31,9 @@ VOXEL = 0.1  # [m] to which a cloud is thinned
 BESIDE = 0.02  # [m] beside a wall, to look from
 SHORT, SLENDER = 1.6, 2.0  # [m], times its thickness: a wall no longer, and no shorter, may pass for a pillar
 FACADE = ("IfcCurtainWall", "IfcPlate", "IfcMember")
+MOST_OVERTAKEN = (
+    0.1  # share of points behind others, of one scan with ranges that err; several together have 0.4 and more
+)
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
 
 
@@ -65,9 +70,26 @@ def read_prior(path: Path, options: ReadOptions = AS_IT_IS) -> Prior:
             raise InputError(str(error)) from error
         return prior_of_building(building)._replace(file=PriorFile(path.name, kind, building.unit, building.project))
     scans = read_scans(path)
-    points = np.concatenate([scan.points for scan in scans]) * options.unit
     notes = tuple(f"{path.name}: {note}" for scan in scans for note in scan.remarks)
+    points = np.concatenate([_settled(scan, options.unit) for scan in scans])
     return prior_of_cloud(points, notes)._replace(file=PriorFile(path.name, kind, options.unit))
+
+
+def _settled(scan: PointScan, unit: float) -> np.ndarray:
+    """The points (N, 3) [m] of a scan; without what hangs at edges, as `scan_noise` has it, if its place is known.
+
+    Else the trail of mixed ranges behind a column, of which no other scan sees anything, would be a wall that is gone.
+    A cloud of several scans, of which the place of one is told, is left as it is.
+    """
+    points = scan.points * unit
+    if scan.position is None:
+        return points
+    place = scan.position * unit
+    one = PosedScan((points - place).astype(np.float32), np.zeros(3), scan.rotation)
+    if overtaken(one.points, one.position) > MOST_OVERTAKEN:
+        return points
+    found = settled(one).scan
+    return points if found is one else found.points + place
 
 
 def kind_of(path: Path) -> str:

@@ -69,8 +69,9 @@ def test_of_columns_that_are_alike_each_is_linked_to_the_nearest():
 
 def test_what_is_seen_whole_takes_the_place_of_its_parts():
     wall = mismatch("added", (6.0, 0.2), kind="wall")
-    parts = [wall._replace(center=wall.center + [x, 0.02, 0.0], dimensions=np.array([1.5, 0.2, 3.0])) for x in (-2, 2)]
-    other = wall._replace(center=wall.center + [0.0, 1.0, 0.0])
+    part = wall._replace(dimensions=np.array([1.5, 0.2, 3.0]))
+    parts = [part._replace(center=np.array([x, 0.02, 0.0])) for x in (-2.0, 2.0)]
+    other = wall._replace(center=np.array([0.0, 1.0, 0.0]))
     assert _with_more([*parts, other], [wall]) == [other, wall]
     assert _with_more([other], []) == [other]
 

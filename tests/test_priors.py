@@ -5,14 +5,18 @@ import re
 import numpy as np
 import pytest
 import trimesh
+from box_building import building_of, scan_of
 from valid_ifc import ifc_text
 
 from jaxmm.inputs import InputError
-from jaxmm.priors import distance_from, kind_of, prior_of_building, prior_of_cloud, read_prior
+from jaxmm.priors import _settled, distance_from, kind_of, prior_of_building, prior_of_cloud, read_prior
 from jaxmm.report import PriorFile
+from jaxmm.scan_files import PointScan
 from warp_scanner.buildings import ReadOptions
 from warp_scanner.room_buildings import building_of_room
-from warp_scanner.scenes import BOX, CYLINDER, PILLAR, WALL, Primitives
+from warp_scanner.scenes import BOX, CYLINDER, FLOOR, PILLAR, WALL, Primitives
+from warp_scanner.sensors import OUSTER_64
+from warp_scanner.triangles import clearance, prepare
 
 
 def walls_and_columns():
@@ -169,3 +173,38 @@ def test_what_is_no_prior_is_refused_in_one_line(tmp_path, name, word):
     with pytest.raises(InputError, match=word) as told:
         read_prior(tmp_path / name)
     assert name in str(told.value) and "\n" not in str(told.value)
+
+
+ROOM = (
+    ((0, 0, -0.1), (4, 3, 0.1), FLOOR), ((0, 0, 2.7), (4, 3, 0.1), FLOOR), ((4.1, 0, 1.3), (0.1, 3, 1.3), WALL),
+    ((-4.1, 0, 1.3), (0.1, 3, 1.3), WALL), ((0, 3.1, 1.3), (4, 0.1, 1.3), WALL), ((0, -3.1, 1.3), (4, 0.1, 1.3), WALL),
+    ((1.5, 0.4, 1.3), (0.2, 0.2, 1.3), PILLAR),
+)  # fmt: skip
+PLACE = np.array([-2.0, 0.0, 1.4])
+
+
+def scan_with_a_trail(far, unit):
+    """A scan of a room whose ranges err, with 60 mixed ones behind one edge of its column."""
+    points, rng = scan_of(ROOM, PLACE, OUSTER_64).scan.points.astype(np.float64), np.random.default_rng(0)
+    points = PLACE + (points - PLACE) * (1.0 + rng.normal(0.0, 0.003, (len(points), 1)))
+    trail = PLACE + (np.array([1.3, 0.6, 0.0]) - PLACE) * rng.uniform(1.1, 1.6, (60, 1))
+    trail[:, 2] = rng.uniform(0.5, 2.0, 60)
+    return PointScan((np.concatenate([points, trail]) + far) / unit, (PLACE + far) / unit, np.eye(3), ())
+
+
+@pytest.mark.parametrize("far, unit", [((0.0, 0.0, 0.0), 1.0), ((150000.0, 460000.0, 20.0), 0.001)])
+def test_what_trails_behind_an_edge_is_none_of_a_prior_scanned_from_a_known_place(far, unit):
+    scan, surface = scan_with_a_trail(np.array(far), unit), prepare(building_of(ROOM).triangles)
+    placed, placeless = _settled(scan, unit) - far, _settled(scan._replace(position=None), unit) - far
+    assert len(placed) > 0.97 * len(placeless)
+    kept, all_of_it = (np.sum(clearance(surface, points, 1.0) > 0.15) for points in (placed, placeless))
+    assert kept < 5 and all_of_it > 50
+
+
+def test_an_exact_prior_and_one_of_several_scans_stay_as_they_are():
+    places, rooms = (PLACE, np.array([3.0, -1.0, 1.4])), (*ROOM, ((0, 0, 1.3), (0.1, 3, 1.3), WALL))
+    exact, other = (scan_of(rooms, place, OUSTER_64).scan.points.astype(np.float64) for place in places)
+    np.testing.assert_array_equal(_settled(PointScan(exact, PLACE, np.eye(3), ()), 1.0), exact)
+    rng = np.random.default_rng(1)
+    both = np.concatenate([exact, other]) + rng.normal(0.0, 0.01, (len(exact) + len(other), 3))
+    np.testing.assert_array_equal(_settled(PointScan(both, PLACE, np.eye(3), ()), 1.0), both)
