@@ -25,10 +25,10 @@ from jaxmm.outdoors import OUTDOORS, is_outdoors, of_building_only
 from jaxmm.placement import Placed, place
 from jaxmm.priors import Prior
 from jaxmm.remaining import filling, gone_of, look_past_what_is_gone, remains_of
-from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on
+from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on, passed_doors
 from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
-from jaxmm.verdicts import OCCLUDED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
+from jaxmm.verdicts import OCCLUDED, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
 from warp_scanner.building_poses import away_from
 from warp_scanner.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
 from warp_scanner.sensors import Pinhole
@@ -100,7 +100,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         "residual": float(np.max([one.residual for one in placed])),
         "scans": [one.registration for one in records],
     }
-    notes = (*prior.notes, *notes_on(mismatches, elements))
+    notes = (*prior.notes, *notes_on(mismatches, elements), *passed_doors(_passed_doors(prior, verdicts, settings)))
     return Detection(mismatches, elements, records, registration, settings.as_json(), watch.laps(), notes, drawing)
 
 
@@ -217,6 +217,17 @@ def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSe
         return None
     wanted = np.isin(prior.building.elements.semantic, _semantics(settings))
     return [one if mine else one._replace(verdict=OCCLUDED) for one, mine in zip(verdicts, wanted, strict=True)]
+
+
+def _passed_doors(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[str]:
+    """Names of the doors that rays pass, in walls that stand; of none where doors get verdicts."""
+    if verdicts is None or DOOR in _semantics(settings):
+        return []
+    table = prior.building.elements
+    passed = np.array([one.verdict == REMOVED for one in verdicts]) & (table.semantic == DOOR)
+    if passed.any():
+        passed &= ~filling(prior.building, gone_of(prior.building, verdicts, _semantics(settings)))
+    return [table.name[row] or table.guid[row] for row in np.flatnonzero(passed)]
 
 
 def _elements(

@@ -179,6 +179,18 @@ def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, .
     )
 
 
+def passed_doors(names: list[str]) -> tuple[str, ...]:
+    """That doors of these names are no barrier; nothing without any."""
+    if not names:
+        return ()
+    which = ", ".join(names[:MOST_NAMED]) + (", ..." if len(names) > MOST_NAMED else "")
+    are, they = ("1 door lets", "it") if len(names) == 1 else (f"{len(names)} doors let", "they")
+    return (
+        f"{are} rays pass, as open ones do: {which}; what stands behind passes for out of reach, unless {they} "
+        f"{'is' if len(names) == 1 else 'are'} left out of the model (--open-doors)",
+    )
+
+
 def _named(one: ElementVerdict | None) -> str:
     """Class and name of an element; None: of one that is told of without a verdict."""
     return f"{one.ifc_class or 'element'} {one.name!r}" if one else "element"

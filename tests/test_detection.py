@@ -234,6 +234,24 @@ def test_what_is_not_of_its_size_behind_a_column_that_is_gone_is_no_column(judge
     assert [one.mismatch_type for one in found.mismatches] == ["removed"]
 
 
+def test_open_doors_are_told_but_for_those_in_walls_that_are_gone(judges):
+    sides, door = [(1.7, 1.2), (-1.7, 1.2)], ((3.0, 0.0, 1.3), (0.02, 0.5, 1.3), DOOR)
+    house, position = walls_of_room(3.0, door, BEYOND, far_wall=sides), np.array([-2.0, 0.2, 1.4])
+    shut, opened = scan_of(house, position), scan_of(walls_of_room(3.0, far_wall=sides), position)
+
+    def told(scan, **settings):
+        found = detect_scans(prior_of_building(house), [named(scan)], judges, dataclasses.replace(AS_IS, **settings))
+        return [note for note in found.notes if "let rays pass" in note or "lets rays pass" in note]
+
+    (note,) = told(opened)
+    assert note.startswith("1 door lets rays pass") and "--open-doors" in note
+    assert told(shut) == told(opened, classes=("wall", "door")) == []
+    whole = walls_of_room(3.0, door, BEYOND)  # a wall that the door is in
+    gone = detect_scans(prior_of_building(whole), [named(scan_of(walls_of_room(6.0), position))], judges, AS_IS)
+    assert any(one.mismatch_type == "removed" for one in gone.mismatches)
+    assert not any("rays pass" in note for note in gone.notes)
+
+
 def test_a_new_wall_has_openings_that_one_looks_through(judges):
     """Two metres of wall around an open window; what is seen between posts, from floor to ceiling, is no opening."""
     sides = [((0.0, 0.2 + y, 1.3), (0.1, 0.3, 1.3), WALL) for y in (-0.7, 0.7)]
