@@ -142,7 +142,8 @@ def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
         return "check that both are in one frame (--frame), and their units (--unit, --prior-unit) and axes (--up)"
     why = ""
     if prior.file is not None and prior.file.kind == "ifc":
-        why = "; the prior has no IfcMapConversion" if grid is None else "; its IfcMapConversion leads elsewhere"
+        leads = "" if grid is None else ", ".join(f"{value:.2f}" for value in grid.shift)
+        why = "; the prior has no IfcMapConversion" if grid is None else f"; its IfcMapConversion leads to {leads} m"
     return f"it is {away:.0f} m away, as on a map grid: bring both into one frame{why}"
 
 

@@ -20,6 +20,7 @@ MOVED = "moved"
 LABELS = (*OBJECT_TYPES, *MISMATCH_TYPES, MOVED)
 
 LEAST_TURN = 0.5  # [deg] that is worth a word
+SQUARE = 0.005  # [m] by which sides may differ that are called equal
 _FAMILY = uuid.UUID("3d0b6f0e-6d52-5f0b-9a55-2b8f4d5c7e11")  # the GUIDs of all projects are names in this family
 _GLOBAL_ID = re.compile(r"[0-3][0-9A-Za-z_$]{21}", re.ASCII)
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # what XML 1.0 cannot hold at all
@@ -98,11 +99,17 @@ def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project
         yield str(uuid.uuid5(family, f"{content}/{seen[content]}"))
 
 
+def _turn(mismatch: Mismatch) -> float:
+    """Its turn [deg]; of a square one the least that makes it look like that."""
+    is_square = abs(mismatch.dimensions[0] - mismatch.dimensions[1]) < SQUARE
+    return (mismatch.rotation + 45.0) % 90.0 - 45.0 if is_square else mismatch.rotation
+
+
 def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
     if not all(mismatch.measured):
         yield f"Of its size {sizes(mismatch)} m: {ASSUMED_WORDS}"
-    if abs(mismatch.rotation) >= LEAST_TURN:
-        yield f"It is turned by {mismatch.rotation:.1f}° counter-clockwise."
+    if abs(turn := _turn(mismatch)) >= LEAST_TURN:
+        yield f"It is turned by {turn:.1f}° counter-clockwise."
     yield f"The probability that this is real is {chance(mismatch.probability)}."
     if (other := other_type(mismatch)) is not None:
         yield f"The probability that it is a {other[0]} instead is {chance(other[1])}."

@@ -133,6 +133,8 @@ def test_description_says_how_sure_and_why(moved):
     straight = moved._replace(mismatches=(moved.mismatches[0]._replace(rotation=0.2), *moved.mismatches[1:]))
     assert "turned by 78.2° counter-clockwise" in topics_of(turned, "")[0].description
     assert "turned by" not in topics_of(straight, "")[0].description
+    square = straight.mismatches[0]._replace(rotation=-89.8, dimensions=np.array([0.4, 0.4, 3.0]))
+    assert "turned by" not in topics_of(straight._replace(mismatches=(square,)), "")[0].description
     assert "observed" not in again.description and "Element of the model" not in again.description
     assert [topic.priority for topic in (wall, pillar, again)] == ["High", "High", "Normal"]
 

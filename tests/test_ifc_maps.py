@@ -15,6 +15,7 @@ from ifcopenshell.util.geolocation import auto_xyz2enh  # noqa: E402
 
 from warp_scanner.buildings import Building  # noqa: E402
 from warp_scanner.ifc_files import read_ifc  # noqa: E402
+from warp_scanner.ifc_maps import to_map  # noqa: E402
 from warp_scanner.ifc_rooms import write_room  # noqa: E402
 
 PLACES = (
@@ -131,3 +132,15 @@ def test_a_scale_that_confuses_units_is_left_out_and_said(room, tmp_path):
     building = read_ifc(tmp_path / "map.ifc")
     assert len(building.notes) == 1 and "stretch the building by 0.001" in building.notes[0]
     np.testing.assert_allclose(building.to_map @ [10.0, 20.0, 0.0, 1.0], [155_010, 463_020, 0, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize("scale, metres", [(1.0, 0.001), (None, 0.001), (0.001, 1.0), (0.001 * 0.9996, 1.0)])
+def test_a_map_without_a_unit_has_the_files_or_metres_where_its_scale_leads_to_them(scale, metres):
+    model = ifcopenshell.file(schema="IFC4")
+    system = model.create_entity("IfcProjectedCRS", "EPSG:28992")
+    context = model.create_entity("IfcGeometricRepresentationContext")
+    model.create_entity("IfcMapConversion", context, system, 155e3, 463e3, 10.0, Scale=scale)
+    matrix, notes = to_map(model, 0.001)
+    assert notes == ()
+    np.testing.assert_allclose(matrix[:3, 3], np.array([155e3, 463e3, 10.0]) * metres)
+    np.testing.assert_allclose(matrix[0, 0], 0.9996 if scale == 0.001 * 0.9996 else 1.0)

@@ -125,7 +125,9 @@ def test_a_scan_on_another_grid_is_told_how_far_it_is(room, tmp_path, kind):
         lay(prior, scan, None)
     assert ("has no IfcMapConversion" in str(told.value)) == (kind == "ifc") and "\n" not in str(told.value)
     assert ("IfcMapConversion" in str(told.value)) == (kind != "mesh")
-    assert ("IfcMapConversion leads elsewhere" in str(told.value)) == (kind == "georeferenced")
+    assert ("IfcMapConversion leads to 900000.00, 900000.00, 900000.00 m" in str(told.value)) == (
+        kind == "georeferenced"
+    )
 
 
 def test_how_far_a_scan_is_counts_from_where_its_pose_takes_it(room):

@@ -24,9 +24,12 @@ def to_map(model: Any, unit: float) -> tuple[np.ndarray | None, tuple[str, ...]]
 
     conversion, notes = found[0], ()
     map_unit = getattr(conversion.TargetCRS, "MapUnit", None)
-    metres = float(get_named_unit_scale(map_unit)) if map_unit else unit
+    scale = conversion.Scale or 1.0
+    # Without a unit of its own the map has the file's; but one of metres where its Scale leads to them.
+    untold = 1.0 if abs(scale / unit - 1.0) <= _STRETCH else unit
+    metres = float(get_named_unit_scale(map_unit)) if map_unit else untold
     # The file's Scale leads from its units to those of the map, and holds the projection's scale as well.
-    stretch = (conversion.Scale or 1.0) * metres / unit
+    stretch = scale * metres / unit
     if abs(stretch - 1.0) > _STRETCH:
         notes = (f"the Scale of its IfcMapConversion would stretch the building by {stretch:g}; taken as 1",)
         stretch = 1.0
