@@ -194,8 +194,9 @@ def _command(prior: Prior, path: Path, scan: PosedScan) -> dict[str, float]:
                 [sys.executable, "-m", "jaxmm.cli", "detect", *map(str, words)], env=os.environ | caches,
                 stdout=subprocess.DEVNULL,
             )  # fmt: skip
-            if done.returncode:  # whoever sees nothing but what is new has to say in which unit
+            if done.returncode == 2:  # whoever sees nothing but what is new has to say in which unit
                 return {}
+            done.check_returncode()
             seconds[name] = time.perf_counter() - begun
     return seconds
 

@@ -23,7 +23,7 @@ from jaxmm.mismatches import Looked, mismatches_of, shown_by_each
 from jaxmm.next_view import Stage, next_views, stand_of
 from jaxmm.outdoors import OUTDOORS, is_outdoors, of_building_only
 from jaxmm.placement import Placed, place
-from jaxmm.priors import Prior
+from jaxmm.priors import Prior, without_stray
 from jaxmm.remaining import filling, gone_of, look_past_what_is_gone, remains_of
 from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on, passed_doors
 from jaxmm.scan_noise import settled
@@ -65,7 +65,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     """
     beyond_thesis, watch = settings.preset != "thesis", _Watch()
     if settings.settle and beyond_thesis:
-        scans = [_settled(one) for one in scans]
+        prior, scans = without_stray(prior), [_settled(one) for one in scans]
     watch.lap("settling")
     placed = [_placed(prior, one, settings) for one in scans]
     outdoors = [is_outdoors(prior, one.scan.position) for one in placed]
@@ -158,7 +158,8 @@ def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
                 one.scan, surfaces_along(prior.scene, rays), refine=settings.refine, limits=settings.limits,
                 passed=lambda: passed_by(prior.scene, rays),
             )  # fmt: skip
-            return found._replace(notes=(*found.notes, *doubts_by_rays(prior.scene, found.scan)))
+            doubts = doubts_by_rays(prior.scene, found.scan) if settings.preset != "thesis" else ()
+            return found._replace(notes=(*found.notes, *doubts))
         return place(
             one.scan, visible(prior.cloud, rays), refine=settings.refine, limits=settings.cloud_limits,
             in_sight_only=True,
@@ -227,7 +228,7 @@ def _passed_doors(prior: Prior, verdicts: list[Verdict] | None, settings: Detect
     passed = np.array([one.verdict == REMOVED for one in verdicts]) & (table.semantic == DOOR)
     if passed.any():
         passed &= ~filling(prior.building, gone_of(prior.building, verdicts, _semantics(settings)))
-    return [table.name[row] or table.guid[row] for row in np.flatnonzero(passed)]
+    return [repr(table.name[row] or table.guid[row]) for row in np.flatnonzero(passed)]
 
 
 def _elements(

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm import hindsight
-from jaxmm.box_match import footprint, match_boxes
+from jaxmm.box_match import MIN_OVERLAP, box_overlap, footprint
 from jaxmm.boxes import Box, fit_boxes, long_axis
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.evidence import SUPPORT, THROUGH
@@ -288,28 +288,34 @@ def _mismatch(
 
 def _with_more(found: list[Mismatch], more: list[Mismatch]) -> list[Mismatch]:
     """What was found and more, which takes the place of what it was held for when less of it seemed to be new."""
-    for one in more:
-        found = [other for other in found if not _is_part_of(other, one)] + [one]
-    return found
+    return [*(one for one in found if not any(_is_part_of(one, whole) for whole in more)), *more]
 
 
 def _is_part_of(part: Mismatch, whole: Mismatch) -> bool:
-    boxes = box_of(part), box_of(whole)
-    return bool(match_boxes(boxes[:1], boxes[1:])) or bool(inside(whole, part.center[None], np.zeros(3))[0])
+    if part.object_type != whole.object_type:
+        return False
+    overlap = box_overlap(box_of(part), box_of(whole))
+    return overlap >= MIN_OVERLAP or bool(inside(whole, part.center[None], np.zeros(3))[0])
 
 
 def _is_off_its_place(new: Mismatch, gone: Mismatch) -> bool:
     """Whether something new may be what is gone: a wall along it and beside it, or a column of its size near by."""
-    if new.object_type != gone.object_type or new.dimensions[2] < FURNITURE:
+    if new.object_type != gone.object_type or new.dimensions[2] < FURNITURE or not _is_as_high(new, gone):
         return False
     along, offset = long_axis(gone.dimensions, gone.rotation), (new.center - gone.center)[:2]
     if new.object_type == "pillar":
-        return bool(np.linalg.norm(offset) <= OFF_PLACE) and math.isfinite(_unlike(new, gone))
+        is_alike = new.shape == gone.shape and math.isfinite(_unlike(new, gone))
+        return is_alike and bool(np.linalg.norm(offset) <= OFF_PLACE)
     across = np.array([-along[1], along[0]])
     beside = abs(float(offset @ across))
     overlap = float(np.mean([max(one.dimensions[:2]) for one in (new, gone)])) - abs(float(offset @ along))
     turned = abs(float(long_axis(new.dimensions, new.rotation) @ across))
     return bool(turned <= MOST_TURNED and beside <= OFF_PLACE and overlap >= max(new.dimensions[:2]) / 2)
+
+
+def _is_as_high(one: Mismatch, other: Mismatch) -> bool:
+    """Whether both stand in one storey: the middle of the lower one is in the height of the other."""
+    return bool(abs(one.center[2] - other.center[2]) <= max(one.dimensions[2], other.dimensions[2]) / 2)
 
 
 def _linked(found: list[Mismatch]) -> list[Mismatch]:

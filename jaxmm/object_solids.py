@@ -116,9 +116,8 @@ def _shaft(piece: Piece, settings: SolidSettings, known: KnownBuilding) -> Solid
 def _front(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownBuilding) -> Solid:
     """A pillar of which one face is seen."""
     first, members = candidate.first, candidate.members
-    if (outline := _angled(sight.points[members, :2], first, settings)) is not None:
-        center, edges, along, whole = outline
-        return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), along, members, (whole, whole))
+    if (angled := _angled(sight.points[members, :2], candidate, settings, known)) is not None:
+        return angled
     length = first.face.length
     edges = np.array([length, _depth(length, settings, known)])
     center = first.face.center - first.toward * edges[1] / 2
@@ -126,25 +125,27 @@ def _front(sight: Sight, candidate: Candidate, settings: SolidSettings, known: K
     return Solid("pillar", "rectangular", center, edges, first.face.along, members, measured)
 
 
-def _angled(places: np.ndarray, first: Piece, settings: SolidSettings) -> tuple[np.ndarray, ...] | None:
-    """The rectangle whose sides passed for one face: centre (2,), edges (2,) [m], direction (2,), and if all is on it.
+def _angled(places: np.ndarray, candidate: Candidate, settings: SolidSettings, known: KnownBuilding) -> Solid | None:
+    """A pillar of which more than one side passed for one face: the rectangle that its members (n, 2) [m] outline.
 
     They are two short ones; or flanges with a web between them, which lies inside and tells nothing of the rectangle.
     """
-    off_face = (places - first.face.center) @ first.face.across
-    smeared = float(np.sqrt(np.mean(off_face**2)))
+    face = candidate.first.face
+    smeared = float(np.sqrt(np.mean(((places - face.center) @ face.across) ** 2)))
     if smeared < settings.tolerance:
         return None
     outermost = inside_hull(places) <= settings.tolerance / 2
     outline = places[outermost] if outermost.mean() >= OUTLINED else places
     along = upright_along(outline)
-    center, edges = rectangle_along(places, along)
+    center, edges = rectangle_along(outline, along)
     outlined, all_of_it = (
         float(np.sqrt(np.mean(outside(some, center, edges, along) ** 2))) for some in (outline, places)
     )
     if edges.min() < settings.least_width or outlined > 0.5 * smeared:
         return None
-    return center, edges, along, all_of_it <= 0.5 * smeared
+    whole = all_of_it <= 0.5 * smeared  # else nothing tells how far the sides go on that hide behind others
+    edges = _fitting(edges, settings, known)
+    return Solid("pillar", "rectangular", center, edges, along, candidate.members, (whole, whole))
 
 
 def _corner(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownBuilding) -> Solid:

@@ -66,7 +66,7 @@ class Continuation(NamedTuple):
 
 STEP = 0.1  # [m] in which the line of a face is followed beyond its end
 LOOKED_THROUGH = 0.3  # share of the rays that pass, from which on nothing is there
-ALONE = 2  # points or fewer at the back of a wall tell nothing of its thickness
+ALONE = 2  # points or fewer far behind the others tell nothing of the thickness of a wall
 NEXT_TO, HIDDEN = 2, 0.7  # steps beyond an end, and share of their rays that end before them, which covers them
 
 
@@ -112,7 +112,7 @@ def wall_behind(sight: Sight, wall: Piece, others: list[Piece], settings: WallSe
 
 
 def _reached(depth: np.ndarray, close_to: float) -> float:
-    """The largest of depths (n,) [m] that others are close to [m]: what lies alone hangs behind the edge."""
+    """The largest of depths (n,) [m] that others are close to [m], if any is: what lies far behind them hangs there."""
     depth = np.sort(depth)
     close = np.flatnonzero(depth[ALONE:] - depth[:-ALONE] <= close_to)
     return float(depth[close[-1] + ALONE]) if len(close) else float(depth[-1])

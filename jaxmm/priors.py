@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from jaxmm.building_grid import QUARTER, uprights_of
 from jaxmm.building_own import OwnElements
@@ -15,8 +16,8 @@ from jaxmm.object_shapes import is_round
 from jaxmm.object_walls import KnownBuilding
 from jaxmm.report import PriorFile
 from jaxmm.scan_files import READERS, PointScan, read_scans
-from jaxmm.scan_noise import settled
-from jaxmm.scan_rays import PosedScan, overtaken
+from jaxmm.scan_noise import Settled, settled
+from jaxmm.scan_rays import PosedScan, drawn, overtaken
 from jaxmm.scan_units import Distance
 from warp_scanner.building_changes import Change, of_element
 from warp_scanner.building_files import read_building
@@ -31,9 +32,7 @@ VOXEL = 0.1  # [m] to which a cloud is thinned
 BESIDE = 0.02  # [m] beside a wall, to look from
 SHORT, SLENDER = 1.6, 2.0  # [m], times its thickness: a wall no longer, and no shorter, may pass for a pillar
 FACADE = ("IfcCurtainWall", "IfcPlate", "IfcMember")
-MOST_OVERTAKEN = (
-    0.1  # share of points behind others, of one scan with ranges that err; several together have 0.4 and more
-)
+MOST_BEHIND = 0.1  # share of its points behind others, beyond which a scan was not taken from where its file says
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
 
 
@@ -45,6 +44,7 @@ class Prior(NamedTuple):
     building: Building | None = None
     scene: TriangleScene | None = None
     cloud: np.ndarray | None = None  # (M, 3) float32 [m] offsets, one a voxel
+    stray: np.ndarray | None = None  # (M,) bool: of these, points that hang between surfaces; None: nobody knows
     known: KnownBuilding = KnownBuilding()  # of its walls and columns, the most frequent first; a cloud knows none
     file: PriorFile | None = None  # None where it came as arrays
 
@@ -71,25 +71,44 @@ def read_prior(path: Path, options: ReadOptions = AS_IT_IS) -> Prior:
         return prior_of_building(building)._replace(file=PriorFile(path.name, kind, building.unit, building.project))
     scans = read_scans(path)
     notes = tuple(f"{path.name}: {note}" for scan in scans for note in scan.remarks)
-    points = np.concatenate([_settled(scan, options.unit) for scan in scans])
-    return prior_of_cloud(points, notes)._replace(file=PriorFile(path.name, kind, options.unit))
+    prior = prior_of_cloud(np.concatenate([scan.points for scan in scans]) * options.unit, notes)
+    stray = _stray(prior, scans, options.unit)
+    return prior._replace(stray=stray, file=PriorFile(path.name, kind, options.unit))
 
 
-def _settled(scan: PointScan, unit: float) -> np.ndarray:
-    """The points (N, 3) [m] of a scan; without what hangs at edges, as `scan_noise` has it, if its place is known.
+def _stray(prior: Prior, scans: list[PointScan], unit: float) -> np.ndarray:
+    """(M,) bool: points of a cloud that hang between surfaces, or trail behind edges, as its scans tell one by one.
 
-    Else the trail of mixed ranges behind a column, of which no other scan sees anything, would be a wall that is gone.
-    A cloud of several scans, of which the place of one is told, is left as it is.
+    Only those are asked whose points lie in the frame of their sensor: what else a file says of a place need not hold
+    for all of its points.
     """
-    points = scan.points * unit
-    if scan.position is None:
-        return points
-    place = scan.position * unit
-    one = PosedScan((points - place).astype(np.float32), np.zeros(3), scan.rotation)
-    if overtaken(one.points, one.position) > MOST_OVERTAKEN:
-        return points
-    found = settled(one).scan
-    return points if found is one else found.points + place
+    hang, stand = [], []
+    for scan in scans:
+        place = np.zeros(3) if scan.position is None else scan.position
+        offsets = (drawn(scan.points, place) - place) * unit
+        one = PosedScan(offsets.astype(np.float32), np.zeros(3), np.eye(3) if scan.rotation is None else scan.rotation)
+        found = Settled(one, 0.0, 0.0)
+        if scan.in_world and overtaken(one.points, one.position) <= MOST_BEHIND:
+            found = settled(one)
+        for points, where in ((found.left_out, hang), (found.scan.points, stand)):
+            where.append(points + (place * unit - prior.origin))
+    hang, stand = np.concatenate(hang), np.concatenate(stand)
+    stray = np.zeros(len(prior.cloud), bool)
+    if len(hang):
+        stray = cKDTree(hang).query(prior.cloud, distance_upper_bound=VOXEL)[0] <= VOXEL
+        stray[stray] = cKDTree(stand).query(prior.cloud[stray])[0] > VOXEL
+    return stray
+
+
+def without_stray(prior: Prior) -> Prior:
+    """A cloud without what hangs in it, and a note of that; any other prior as it is.
+
+    The trail of mixed ranges behind a column, of which no other scan sees anything, would be a wall that is gone.
+    """
+    if prior.stray is None or not prior.stray.any():
+        return prior
+    note = f"{prior.stray.mean():.1%} of the prior's points, between surfaces or behind edges, were left out"
+    return prior._replace(cloud=prior.cloud[~prior.stray], stray=None, notes=(*prior.notes, note))
 
 
 def kind_of(path: Path) -> str:
@@ -137,8 +156,6 @@ def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:
 def distance_from(prior: Prior) -> Distance:
     """To the prior's surface or points, from points (N, 3) [m] of the world; inf where nothing is within reach."""
     if prior.scene is None:
-        from scipy.spatial import cKDTree
-
         tree = cKDTree(prior.cloud)
         return lambda points, reach: tree.query(points - prior.origin, distance_upper_bound=reach)[0]
 

@@ -42,6 +42,7 @@ class Settled(NamedTuple):
     sigma: float  # [m] standard deviation of its ranges, at the middle one; 0 of exact ones, and where nothing tells
     stray: float  # share of its points that hang between surfaces, or trail behind edges
     moved: bool = False  # whether any range is another now
+    left_out: np.ndarray = np.zeros((0, 3))  # (K, 3) float64 [m] those points, as they were
 
 
 def settled(scan: PosedScan) -> Settled:
@@ -79,7 +80,7 @@ def settled(scan: PosedScan) -> Settled:
         return Settled(scan, sigma, stray)
     places = scan.position + direction[kept] * distance[kept, None]
     moved = bool(np.any(distance[kept] != reach[kept]))
-    return Settled(scan._replace(points=places.astype(np.float32)), sigma, stray, moved)
+    return Settled(scan._replace(points=places.astype(np.float32)), sigma, stray, moved, points[~kept])
 
 
 def _distances(direction: np.ndarray, reach: np.ndarray, sigma: np.ndarray, near: np.ndarray) -> np.ndarray:

@@ -135,6 +135,8 @@ def test_description_says_how_sure_and_why(moved):
     assert "turned by" not in topics_of(straight, "")[0].description
     square = straight.mismatches[0]._replace(rotation=-89.8, dimensions=np.array([0.4, 0.4, 3.0]))
     assert "turned by" not in topics_of(straight._replace(mismatches=(square,)), "")[0].description
+    oblong = square._replace(dimensions=np.array([0.4, 0.5, 3.0]))
+    assert "turned by -89.8°" in topics_of(straight._replace(mismatches=(oblong,)), "")[0].description
     assert "observed" not in again.description and "Element of the model" not in again.description
     assert [topic.priority for topic in (wall, pillar, again)] == ["High", "High", "Normal"]
 

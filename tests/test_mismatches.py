@@ -8,7 +8,7 @@ from jaxmm.boxes import Box, BoxSettings
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans, look_at
-from jaxmm.mismatches import _below_roof, _linked, _measured_by_thesis, _with_more, mismatches_of
+from jaxmm.mismatches import _below_roof, _is_off_its_place, _linked, _measured_by_thesis, _with_more, mismatches_of
 from jaxmm.priors import prior_of_building, prior_of_cloud
 from jaxmm.report import Mismatch
 from jaxmm.room_scans import room_cases, true_boxes
@@ -71,9 +71,24 @@ def test_what_is_seen_whole_takes_the_place_of_its_parts():
     wall = mismatch("added", (6.0, 0.2), kind="wall")
     part = wall._replace(dimensions=np.array([1.5, 0.2, 3.0]))
     parts = [part._replace(center=np.array([x, 0.02, 0.0])) for x in (-2.0, 2.0)]
-    other = wall._replace(center=np.array([0.0, 1.0, 0.0]))
-    assert _with_more([*parts, other], [wall]) == [other, wall]
-    assert _with_more([other], []) == [other]
+    beside = wall._replace(center=np.array([0.0, 0.45, 0.0]))
+    pilaster = mismatch("added", (0.4, 0.4))._replace(center=np.array([1.0, 0.15, 0.0]))
+    assert _with_more([*parts, beside, pilaster], [wall]) == [beside, pilaster, wall]
+    assert _with_more([beside], []) == [beside]
+    columns = [pilaster._replace(center=np.array([x, 3.0, 0.0])) for x in (0.0, 0.45)]
+    assert _with_more([columns[0]], columns) == columns
+
+
+def test_what_is_off_its_place_is_of_its_kind_and_storey():
+    gone = mismatch("removed", (0.4, 0.4))
+    moved = mismatch("added", (0.4, 0.4))._replace(center=np.array([0.6, 0.3, 0.0]))
+    assert _is_off_its_place(moved, gone)
+    for other in (
+        moved._replace(center=np.array([0.6, 0.3, 3.2])), moved._replace(shape="round"),
+        moved._replace(dimensions=np.array([0.4, 0.6, 3.0])), moved._replace(center=np.array([1.1, 0.6, 0.0])),
+        moved._replace(object_type="wall"), moved._replace(dimensions=np.array([0.4, 0.4, 2.0])),
+    ):  # fmt: skip
+        assert not _is_off_its_place(other, gone)
 
 
 def test_two_of_a_kind_of_change_are_no_move():

@@ -8,13 +8,13 @@ import trimesh
 from known_rooms import CEILING, FLOOR, NO_RAYS, SENSOR, judged, pillar, says, slab, wall
 
 from jaxmm.building_grid import uprights_of
-from jaxmm.object_candidates import candidates_of
+from jaxmm.object_candidates import Candidate, candidates_of
 from jaxmm.object_clues import CLUES
 from jaxmm.object_levels import levels_of
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Patch, Sight, crossings
-from jaxmm.object_solids import SolidSettings, solid_of
+from jaxmm.object_solids import SolidSettings, _angled, solid_of
 from jaxmm.object_walls import KnownBuilding, Solid, reach
 from jaxmm.objects import Judged, ObjectSettings, examine, find_objects
 from warp_scanner.scenes import BOX, CYLINDER
@@ -310,3 +310,33 @@ def test_what_something_hides_most_of_is_the_side_of_a_wall_and_not_its_end(seed
     assert abs((one.box.rotation - yaw + 90.0) % 180.0 - 90.0) < 20.0 and one.box.dimensions[0] > one.box.dimensions[1]
     (lone,) = find_objects(judged(wall(4.0, 0.0, 2.0, strip, 0)), judge=sure)
     assert abs(lone.box.rotation) < 5.0 and lone.box.dimensions[0] > lone.box.dimensions[1]
+
+
+SIDES = {
+    "a corner": ([[0, 0.3], [0, 0]], [[0, 0], [0.3, 0]]),
+    "flanges and a web": ([[0, 0], [0.3, 0]], [[0, 0.3], [0.3, 0.3]], [[0.15, 0], [0.15, 0.3]]),
+}
+
+
+@pytest.mark.parametrize("sides", SIDES)
+def test_sides_that_passed_for_one_face_are_a_rectangle(sides):
+    """Of flanges nobody knows how far they go on behind each other."""
+    places = np.concatenate([np.linspace(*side, 25) for side in SIDES[sides]]) + np.array([2.0, 1.0])
+    candidate = Candidate((piece_of(places),), np.arange(len(places)))
+    found = _angled(places, candidate, ObjectSettings(), KnownBuilding())
+    np.testing.assert_allclose(found.center, [2.15, 1.15], atol=0.02)
+    np.testing.assert_allclose(found.edges, 0.3, atol=0.02)
+    assert found.measured == ((True, True) if sides == "a corner" else (False, False))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_face_that_noise_smears_is_no_rectangle(seed):
+    rng = np.random.default_rng(seed)
+    places = np.column_stack([rng.normal(2.0, 0.07, 150), rng.uniform(0.8, 1.3, 150)])
+    candidate = Candidate((piece_of(places),), np.arange(len(places)))
+    assert _angled(places, candidate, ObjectSettings(), KnownBuilding()) is None
+
+
+def piece_of(places):
+    members = np.arange(len(places))
+    return Piece(members, face_through(places, members), None, 0, np.array([0.0, 0.0, 1.4]))

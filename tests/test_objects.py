@@ -111,13 +111,11 @@ def test_a_short_wall_seen_from_both_sides_is_as_thick_as_it_is(thickness):
     assert found.measured[:2] == (True, True)
 
 
-def test_a_point_that_hangs_behind_the_end_of_a_wall_makes_it_no_thicker():
+@pytest.mark.parametrize("stray", [[(3.19, 0.8, 1.4)], [(3.19, 0.8, 1.4), (3.21, 0.8, 1.2)]], ids=["one", "two"])
+def test_points_that_hang_behind_the_end_of_a_wall_make_it_no_thicker(stray):
     seen = judged(wall(3.0, 1.6, 1.6, 0.12, 90.0))
-    stray = Judged(
-        np.append(seen.points, [[3.19, 0.8, 1.4]], axis=0), *(np.append(one, 0.9) for one in (seen.pillar, seen.wall)),
-        np.append(seen.apart, 0.5), *seen[4:7],
-    )  # fmt: skip
-    for one in (seen, stray):
+    more = [np.append(one, np.full(len(stray), 0.9)) for one in (seen.pillar, seen.wall, seen.apart)]
+    for one in (seen, Judged(np.append(seen.points, stray, axis=0), *more, *seen[4:7])):
         box = only(find_objects(one, judge=says(0.02, 0.02, 0.96)), "wall")
         assert min(box.dimensions[:2]) == pytest.approx(0.12, abs=0.03)
 

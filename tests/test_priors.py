@@ -6,12 +6,25 @@ import numpy as np
 import pytest
 import trimesh
 from box_building import building_of, scan_of
+from scipy.spatial import cKDTree
 from valid_ifc import ifc_text
 
+from jaxmm.detect_files import read_judges
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import detect_scans
 from jaxmm.inputs import InputError
-from jaxmm.priors import _settled, distance_from, kind_of, prior_of_building, prior_of_cloud, read_prior
+from jaxmm.priors import (
+    _stray,
+    distance_from,
+    kind_of,
+    prior_of_building,
+    prior_of_cloud,
+    read_prior,
+    without_stray,
+)
 from jaxmm.report import PriorFile
 from jaxmm.scan_files import PointScan
+from jaxmm.weights import DEFAULT
 from warp_scanner.buildings import ReadOptions
 from warp_scanner.room_buildings import building_of_room
 from warp_scanner.scenes import BOX, CYLINDER, FLOOR, PILLAR, WALL, Primitives
@@ -189,22 +202,46 @@ def scan_with_a_trail(far, unit):
     points = PLACE + (points - PLACE) * (1.0 + rng.normal(0.0, 0.003, (len(points), 1)))
     trail = PLACE + (np.array([1.3, 0.6, 0.0]) - PLACE) * rng.uniform(1.1, 1.6, (60, 1))
     trail[:, 2] = rng.uniform(0.5, 2.0, 60)
-    return PointScan((np.concatenate([points, trail]) + far) / unit, (PLACE + far) / unit, np.eye(3), ())
+    return PointScan((np.concatenate([points, trail]) + far) / unit, (PLACE + far) / unit, np.eye(3), (), True)
+
+
+def strays_of(scans, unit=1.0):
+    """The prior of some scans in its own frame, and its points that hang in the middle of the room."""
+    prior = prior_of_cloud(np.concatenate([scan.points for scan in scans]) * unit)
+    return prior._replace(stray=_stray(prior, scans, unit))
 
 
 @pytest.mark.parametrize("far, unit", [((0.0, 0.0, 0.0), 1.0), ((150000.0, 460000.0, 20.0), 0.001)])
 def test_what_trails_behind_an_edge_is_none_of_a_prior_scanned_from_a_known_place(far, unit):
     scan, surface = scan_with_a_trail(np.array(far), unit), prepare(building_of(ROOM).triangles)
-    placed, placeless = _settled(scan, unit) - far, _settled(scan._replace(position=None), unit) - far
-    assert len(placed) > 0.97 * len(placeless)
-    kept, all_of_it = (np.sum(clearance(surface, points, 1.0) > 0.15) for points in (placed, placeless))
-    assert kept < 5 and all_of_it > 50
+    prior = strays_of([scan], unit)
+    hangs = clearance(surface, prior.cloud + prior.origin - far, 1.0) > 0.15
+    assert hangs.sum() > 40 and prior.stray[hangs].mean() > 0.9 and prior.stray[~hangs].mean() < 0.005
+    without = without_stray(prior)
+    np.testing.assert_array_equal(without.cloud, prior.cloud[~prior.stray])
+    assert "of the prior's points, between surfaces" in without.notes[-1] and without_stray(without) is without
+    for other in (scan._replace(in_world=False), scan._replace(position=None, rotation=None, in_world=False)):
+        assert not strays_of([other], unit).stray.any()  # a remark in its file, or nothing, on where it is from
 
 
 def test_an_exact_prior_and_one_of_several_scans_stay_as_they_are():
     places, rooms = (PLACE, np.array([3.0, -1.0, 1.4])), (*ROOM, ((0, 0, 1.3), (0.1, 3, 1.3), WALL))
     exact, other = (scan_of(rooms, place, OUSTER_64).scan.points.astype(np.float64) for place in places)
-    np.testing.assert_array_equal(_settled(PointScan(exact, PLACE, np.eye(3), ()), 1.0), exact)
-    rng = np.random.default_rng(1)
-    both = np.concatenate([exact, other]) + rng.normal(0.0, 0.01, (len(exact) + len(other), 3))
-    np.testing.assert_array_equal(_settled(PointScan(both, PLACE, np.eye(3), ()), 1.0), both)
+    noise = np.random.default_rng(1).normal(0.0, 0.01, (len(exact) + len(other), 3))
+    both = np.concatenate([exact, other])
+    for points in (exact, both + noise):
+        assert not strays_of([PointScan(points, PLACE, np.eye(3), (), True)]).stray.any()
+    scan = scan_with_a_trail(np.zeros(3), 1.0)
+    seen_by_another = PointScan(scan.points[-60:], None, None, ())  # what hangs in one scan stands in the other
+    trail = cKDTree(scan.points[-60:])
+    for scans, most in (([scan], 60), ([scan, seen_by_another], 0)):
+        prior = strays_of(scans)
+        assert np.sum(trail.query(prior.cloud[prior.stray])[0] < 1e-3) in range(most > 0, most + 1)
+
+
+@pytest.mark.parametrize("settings", [{}, {"settle": False}, {"preset": "thesis"}])
+def test_a_prior_settles_only_where_scans_do(settings):
+    prior = strays_of([scan_with_a_trail(np.zeros(3), 1.0)])
+    robot = scan_of(ROOM, PLACE, OUSTER_64)
+    found = detect_scans(prior, [robot], read_judges(DEFAULT), DetectSettings(**settings))
+    assert any("of the prior's points" in note for note in found.notes) == (not settings)

@@ -26,8 +26,10 @@ def to_map(model: Any, unit: float) -> tuple[np.ndarray | None, tuple[str, ...]]
     map_unit = getattr(conversion.TargetCRS, "MapUnit", None)
     scale = conversion.Scale or 1.0
     # Without a unit of its own the map has the file's; but one of metres where its Scale leads to them.
-    untold = 1.0 if abs(scale / unit - 1.0) <= _STRETCH else unit
-    metres = float(get_named_unit_scale(map_unit)) if map_unit else untold
+    leads_to_metres = not map_unit and unit != 1.0 and abs(scale / unit - 1.0) <= _STRETCH
+    if leads_to_metres:
+        notes = (f"its IfcMapConversion names no unit; taken as metres, to which its Scale of {scale:g} leads",)
+    metres = float(get_named_unit_scale(map_unit)) if map_unit else 1.0 if leads_to_metres else unit
     # The file's Scale leads from its units to those of the map, and holds the projection's scale as well.
     stretch = scale * metres / unit
     if abs(stretch - 1.0) > _STRETCH:
