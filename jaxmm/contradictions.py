@@ -10,6 +10,7 @@ From the right place none does, but for a few along edges, and through what is f
 import numpy as np
 from scipy.spatial import cKDTree
 
+from jaxmm.building_sighting import PASSES
 from jaxmm.scan_rays import PosedScan, drawn
 from warp_scanner.buildings import bounds
 from warp_scanner.scan import Rays
@@ -19,7 +20,6 @@ from warp_scanner.voxels import thin_clouds
 
 CLOSED = (WALL, PILLAR, FLOOR, CEILING)  # without holes, unlike railings and stairs; and one sees through windows
 MOST_ASKED = 30_000  # rays, or somewhat more
-BEHIND = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a surface passes through it
 SURFACES, BEYOND = 2, 0.005  # along a ray that are asked, and [m] behind one, from where the next is looked for
 SPACING = 0.05  # [m] that the points are thinned to
 AROUND, UPON = 0.2, 0.04  # [m] from where a ray passes, and off the surface, within which points show that it stands
@@ -63,7 +63,7 @@ def contradicted(scene: TriangleScene, scan: PosedScan) -> float:
         start = scan.position + direction[rows] * gone[rows, None]
         met, face = cast_faces(scene, Rays(start[None], direction[None, rows].astype(np.float32)), closed)
         gone[rows] += met.distance[0]
-        passes = reach[rows] > gone[rows] + BEHIND[0] + BEHIND[1] * reach[rows]  # false for inf, of what meets nothing
+        passes = reach[rows] > gone[rows] + PASSES[0] + PASSES[1] * reach[rows]  # false for inf, of what meets nothing
         rows, normal = rows[passes], _unit(face_normals(scene.triangles, face)[0, passes])
         amid[rows] |= _amid(stand, scan.position + direction[rows] * gone[rows, None], normal)
         gone[rows] += BEYOND
