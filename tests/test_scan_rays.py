@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxmm.scan_rays import MOST_PATTERN, MOST_RAYS, PosedScan, measured_points, rays_of_scan
+from jaxmm.scan_rays import MOST_PATTERN, MOST_RAYS, PosedScan, drawn, measured_points, rays_of_scan
 from warp_scanner.poses import rotation_of
 from warp_scanner.sensors import OAK_D_PRO_SMALL, sensor_named
 
@@ -69,12 +69,15 @@ def test_a_turning_scanner_has_a_bounded_pattern_that_holds_its_rays(name):
         assert np.quantile(apart, 0.99) < max(2.5 * rays.spacing, np.radians(2.5))
 
 
-def test_more_points_than_needed_are_drawn_the_same_way_each_time():
-    rng = np.random.default_rng(0)
-    points = (PLACE + rng.normal(size=(2 * MOST_RAYS + 10, 3)) * 3).astype(np.float32)
-    first, again = (rays_of_scan(PosedScan(points, PLACE, np.eye(3))) for _ in range(2))
-    assert 0.7 * MOST_RAYS < first.measured <= MOST_RAYS
-    np.testing.assert_array_equal(first.distance, again.distance)
+@pytest.mark.parametrize("more", [1, 1000, MOST_RAYS // 3, 2 * MOST_RAYS + 10])
+def test_of_more_points_than_needed_each_part_of_the_file_gives_one_and_none_twice(more):
+    count = MOST_RAYS + more
+    points = np.column_stack([np.ones(count), np.zeros(count), np.arange(count)]).astype(np.float32)
+    number, again = (drawn(points, np.zeros(3))[:, 2].astype(int) for _ in range(2))
+    np.testing.assert_array_equal(number, again)
+    assert len(number) == MOST_RAYS and np.all(np.diff(number) > 0)
+    assert np.abs(number - np.arange(MOST_RAYS) * count / MOST_RAYS).max() <= count / MOST_RAYS + 1.0
+    assert np.any(drawn(points, np.zeros(3), seed=1)[:, 2] != number) == (more > 0)
 
 
 def test_a_scan_of_the_sensor_itself_is_refused():
