@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm import hindsight
-from jaxmm.box_match import MIN_OVERLAP, box_overlap, footprint
+from jaxmm.box_match import MIN_OVERLAP, box_overlap, footprint, match_boxes
 from jaxmm.boxes import Box, fit_boxes, long_axis
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.evidence import SUPPORT, THROUGH
@@ -287,8 +287,17 @@ def _mismatch(
 
 
 def _with_more(found: list[Mismatch], more: list[Mismatch]) -> list[Mismatch]:
-    """What was found and more, which takes the place of what it was held for when less of it seemed to be new."""
-    return [*(one for one in found if not any(_is_part_of(one, whole) for whole in more)), *more]
+    """What was found and more, which takes the place of what it was held for when less of it seemed to be new.
+
+    Of what is told of one object in two places, the first counts.
+    """
+    kept = [one for one in found if not any(_is_part_of(one, whole) for whole in more)]
+    boxes = [box_of(one) for one in kept]
+
+    def is_told(one: Mismatch) -> bool:
+        return bool(match_boxes([box_of(one)], boxes)) and not any(_is_part_of(part, one) for part in found)
+
+    return [*kept, *(one for one in more if not is_told(one))]
 
 
 def _is_part_of(part: Mismatch, whole: Mismatch) -> bool:

@@ -74,7 +74,7 @@ def test_what_is_seen_whole_takes_the_place_of_its_parts():
     beside = wall._replace(center=np.array([0.0, 0.45, 0.0]))
     pilaster = mismatch("added", (0.4, 0.4))._replace(center=np.array([1.0, 0.15, 0.0]))
     assert _with_more([*parts, beside, pilaster], [wall]) == [beside, pilaster, wall]
-    assert _with_more([beside], []) == [beside]
+    assert _with_more([beside], [wall]) == _with_more([beside], []) == [beside]
     columns = [pilaster._replace(center=np.array([x, 3.0, 0.0])) for x in (0.0, 0.45)]
     assert _with_more([columns[0]], columns) == columns
 
