@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Patch, PathPatch, Polygon, Wedge
 from matplotlib.path import Path as Shape
+from matplotlib.patheffects import withStroke
 
 from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_HIDDEN, COLOR_REMOVED, GREEN, GREY, ORANGE, PALE, save, styled
 from jaxmm.plan_cut import cut_surfaces
@@ -166,7 +167,10 @@ def _draw_sensors(axes: Axes, detection: Detection, level: Level, base: np.ndarr
             axes.add_patch(Wedge((x, y), _reach(detection, n), *ends, zorder=0, **look))
             entries.append(Patch(label="field of view", **look | {"alpha": 0.12}))
         _mark_pose(axes, (x, y), yaw, BLACK)
-        axes.annotate(f"scan {n + 1}", (x, y), NAME_AT, textcoords="offset points", ha="center", va="center", zorder=8)
+        name = axes.annotate(
+            f"scan {n + 1}", (x, y), NAME_AT, textcoords="offset points", ha="center", va="center", zorder=8
+        )
+        name.set_path_effects([withStroke(linewidth=4, foreground="white")])  # it may stand on a wall
         entries.append(
             Line2D([], [], color=BLACK, marker="o", markersize=8, linestyle="", label="sensor and its heading")
         )
