@@ -67,11 +67,16 @@ def hits_of(scene: TriangleScene, position: np.ndarray, direction: np.ndarray) -
     return Hits(scan.distance[0], scan.element[0], cosine)
 
 
+def passes(distance: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """(P,) bool: rays that end clearly behind a surface, of those that end and meet one (P,) [m]; false for inf."""
+    return distance > expected + PASSES[0] + PASSES[1] * distance
+
+
 def passed_by(scene: TriangleScene, rays: ScanRays) -> Passed:
     """How many of a scan's rays pass through a building, and how many through none of it."""
     direction, distance = rays.direction[: rays.measured], rays.distance[: rays.measured]
     expected = cast_triangles(scene, Rays(rays.position[None], direction)).distance[0]
-    through = distance > expected + PASSES[0] + PASSES[1] * distance
+    through = passes(distance, expected)
     return Passed(float(through.mean()), float(np.isinf(expected).mean()))
 
 

@@ -10,7 +10,7 @@ From the right place none does, but for a few along edges, and through what is f
 import numpy as np
 from scipy.spatial import cKDTree
 
-from jaxmm.building_sighting import PASSES
+from jaxmm.building_sighting import passes
 from jaxmm.scan_rays import PosedScan, drawn
 from warp_scanner.buildings import bounds
 from warp_scanner.scan import Rays
@@ -63,8 +63,8 @@ def contradicted(scene: TriangleScene, scan: PosedScan) -> float:
         start = scan.position + direction[rows] * gone[rows, None]
         met, face = cast_faces(scene, Rays(start[None], direction[None, rows].astype(np.float32)), closed)
         gone[rows] += met.distance[0]
-        passes = reach[rows] > gone[rows] + PASSES[0] + PASSES[1] * reach[rows]  # false for inf, of what meets nothing
-        rows, normal = rows[passes], _unit(face_normals(scene.triangles, face)[0, passes])
+        behind = passes(reach[rows], gone[rows])
+        rows, normal = rows[behind], _unit(face_normals(scene.triangles, face)[0, behind])
         amid[rows] |= _amid(stand, scan.position + direction[rows] * gone[rows, None], normal)
         gone[rows] += BEYOND
     return float(amid.mean())

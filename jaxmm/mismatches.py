@@ -4,26 +4,25 @@ S scans, N points of one side of all scans, E elements. Positions are offsets fr
 metres, z up; mismatches come back in the world.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxmm import hindsight
-from jaxmm.box_match import MIN_OVERLAP, box_overlap, footprint, match_boxes
+from jaxmm.box_match import footprint
 from jaxmm.boxes import Box, fit_boxes, long_axis
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.evidence import SUPPORT, THROUGH
 from jaxmm.hindsight import Alone
 from jaxmm.judging import Side
-from jaxmm.mismatch_points import inside
+from jaxmm.moved import is_off_its_place, linked, with_more
 from jaxmm.object_clues import ONTO
 from jaxmm.object_finish import Rays
 from jaxmm.object_shapes import is_round
-from jaxmm.objects import Found, Judged, ObjectSettings, find_objects
+from jaxmm.objects import Found, Judged, find_objects
 from jaxmm.places import Visits, fused
 from jaxmm.priors import Prior
-from jaxmm.report import Mismatch, box_of
+from jaxmm.report import Mismatch
 from jaxmm.scan_rays import ScanRays
 from jaxmm.verdicts import REMOVED, Verdict
 from warp_scanner.building_changes import of_element
@@ -39,11 +38,7 @@ MOST_DENIED = 0.03  # share of the rays that tell anything, which may look throu
 MOST_OPEN = 0.3  # and that may pass through its openings, if it is a wall, below or above what is seen of it
 STOREY = 1.5  # [m] between floors of two storeys, at least
 LEAST_LOWER = 0.05  # [m] by which a roof is lower than the ceiling that a thing is made up to
-OFF_PLACE, MOST_TURNED = 1.2, 0.1  # [m] and sine of a wall's angle, by which things may be built off their place
 SKY = np.radians(1.0)  # of one direction of which nothing comes back: about a voxel of 0.1 m at 6 m
-FURNITURE = ObjectSettings().furniture_height  # [m]
-SAME_SIZE = (0.1, 0.15)  # [m], share: sides of an object that moved differ by no more than the greater of both
-AS_FAR = 20.0  # metres that an object moved count as much as one by which its sides differ: rows of columns are alike
 
 
 class Looked(NamedTuple):
@@ -84,9 +79,9 @@ def mismatches_of(
     new = _all_fitted(prior, looked, "added", settings)
     if past_gone and gone:
         past = _all_fitted(prior, past_gone, "added", settings)
-        new = _with_more(new, [one for one in past if any(_is_off_its_place(one, other) for other in gone)])
+        new = with_more(new, [one for one in past if any(is_off_its_place(one, other) for other in gone)])
     found += sorted(new, key=lambda one: -one.probability)
-    return tuple(_linked([one for one in found if one.probability >= settings.least_probability]))
+    return tuple(linked([one for one in found if one.probability >= settings.least_probability]))
 
 
 def shown_by_each(found: tuple[Mismatch, ...], scans: int) -> tuple[np.ndarray, np.ndarray]:
@@ -284,69 +279,3 @@ def _mismatch(
         observable_fraction=max(shares, default=0.0), shape=box.shape, measured=measured,
         told_by=tuple(part.tell for part in alone),
     )  # fmt: skip
-
-
-def _with_more(found: list[Mismatch], more: list[Mismatch]) -> list[Mismatch]:
-    """What was found and more, which takes the place of what it was held for when less of it seemed to be new.
-
-    Of what is told of one object in two places, the first counts.
-    """
-    kept = [one for one in found if not any(_is_part_of(one, whole) for whole in more)]
-    boxes = [box_of(one) for one in kept]
-
-    def is_told(one: Mismatch) -> bool:
-        return bool(match_boxes([box_of(one)], boxes)) and not any(_is_part_of(part, one) for part in found)
-
-    return [*kept, *(one for one in more if not is_told(one))]
-
-
-def _is_part_of(part: Mismatch, whole: Mismatch) -> bool:
-    if part.object_type != whole.object_type:
-        return False
-    overlap = box_overlap(box_of(part), box_of(whole))
-    return overlap >= MIN_OVERLAP or bool(inside(whole, part.center[None], np.zeros(3))[0])
-
-
-def _is_off_its_place(new: Mismatch, gone: Mismatch) -> bool:
-    """Whether something new may be what is gone: a wall along it and beside it, or a column of its size near by."""
-    if new.object_type != gone.object_type or new.dimensions[2] < FURNITURE or not _is_as_high(new, gone):
-        return False
-    along, offset = long_axis(gone.dimensions, gone.rotation), (new.center - gone.center)[:2]
-    if new.object_type == "pillar":
-        is_alike = new.shape == gone.shape and math.isfinite(_unlike(new, gone))
-        return is_alike and bool(np.linalg.norm(offset) <= OFF_PLACE)
-    across = np.array([-along[1], along[0]])
-    beside = abs(float(offset @ across))
-    overlap = float(np.mean([max(one.dimensions[:2]) for one in (new, gone)])) - abs(float(offset @ along))
-    turned = abs(float(long_axis(new.dimensions, new.rotation) @ across))
-    return bool(turned <= MOST_TURNED and beside <= OFF_PLACE and overlap >= max(new.dimensions[:2]) / 2)
-
-
-def _is_as_high(one: Mismatch, other: Mismatch) -> bool:
-    """Whether both stand in one storey: the middle of the lower one is in the height of the other."""
-    return bool(abs(one.center[2] - other.center[2]) <= max(one.dimensions[2], other.dimensions[2]) / 2)
-
-
-def _linked(found: list[Mismatch]) -> list[Mismatch]:
-    """Added objects of the size of a removed one point to it: the likest and nearest pairs first, each object once."""
-    pairs = sorted(
-        (difference * AS_FAR + float(np.linalg.norm(one.center - other.center)), new, old)
-        for new, one in enumerate(found)
-        for old, other in enumerate(found)
-        if one.mismatch_type == "added" and other.mismatch_type == "removed"
-        and one.object_type == other.object_type and one.shape == other.shape
-        and math.isfinite(difference := _unlike(one, other))
-    )  # fmt: skip
-    used: set[tuple[str, int]] = set()
-    for _, new, old in pairs:
-        if not {("new", new), ("old", old)} & used:
-            used |= {("new", new), ("old", old)}
-            found[new] = found[new]._replace(moved_from=old)
-    return found
-
-
-def _unlike(one: Mismatch, other: Mismatch) -> float:
-    """How much the edges of two boxes differ [m]; infinite beyond what one object may."""
-    a, b = (np.append(np.sort(box.dimensions[:2]), box.dimensions[2]) for box in (one, other))
-    off = np.abs(a - b)
-    return float(off.sum()) if np.all(off <= np.maximum(SAME_SIZE[0], SAME_SIZE[1] * np.maximum(a, b))) else math.inf
