@@ -1,4 +1,4 @@
-"""Mismatches out of verdicts and objects: which are linked, which are false, in which order they come."""
+"""Mismatches out of verdicts and objects: how high they are, which are false, in which order they come."""
 
 import numpy as np
 import pytest
