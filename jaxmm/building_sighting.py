@@ -8,17 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.cloud_sighting import LEVELS
+from jaxmm.building_levels import levels_at, levels_of
 from jaxmm.evidence import Frame, Noise, View, margins, noise_of, sigma_at
 from jaxmm.placement import Passed
 from jaxmm.priors import Prior
 from jaxmm.scan_rays import ScanRays, frame_of_rays, measured_points
 from jaxmm.sighting import EVERY, FOOTPRINT, MOST_ANGLE
 from jaxmm.views import Along, view_of_prior, view_of_robot
-from warp_scanner.buildings import element_bounds
 from warp_scanner.neighbours import nearest
 from warp_scanner.scan import Rays
-from warp_scanner.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.sightlines import Predicted, Targets, look, sort_directions
 from warp_scanner.surface import incidence_of
 from warp_scanner.triangles import TriangleScene, cast_faces, cast_triangles, clearance, face_normals
@@ -27,13 +25,6 @@ from warp_scanner.voxels import thin_clouds
 VOXEL = 0.1  # [m]
 LAYERS = 6  # of surfaces along a ray, those where it leaves something included
 BEYOND = 0.005  # [m] behind a surface, from where the next is looked for
-AROUND = np.linspace(-1.0, 1.0, 5)  # [m] about the sensor, where floor and ceiling are looked for
-STANDING = (0.3, 2.5)  # [m] least and most height of a sensor above its floor
-LEAST_ROOM = 0.5  # [m] from floor to ceiling
-SAME_CEILING = 0.05  # [m] by which heights of one ceiling may differ
-EDGE = 0.3  # [m] from a point under the edge of a ceiling to that ceiling: a column carries it
-UP, ASIDE = np.array([0.0, 0.0, 1.0]), np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], np.float64)
-BELOW = 0.1  # [m] under a point on a ceiling, from where one sees that ceiling
 PASSES = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a surface passes through it
 FARTHEST = 2.0  # [m] beyond which the distance to the prior's surface is not looked for
 
@@ -129,74 +120,10 @@ def sight(prior: Prior, rays: ScanRays) -> Sighting:
     of_robot = _robot_view(scene, rays, (expected, margin, noise), (measured[own], own))
     frame = frame_of_rays(rays, *levels_of(scene, rays, measured, prior.building.storeys.elevation))
     return Sighting(
-        *(view._replace(ceiling=ceilings_over(scene, view.points, frame)) for view in (of_prior, of_robot)),
+        *(view._replace(levels=levels_at(scene, view.points, frame)) for view in (of_prior, of_robot)),
         frame,
         expected, margin, noise, places, reached,
     )  # fmt: skip
-
-
-def levels_of(scene: TriangleScene, rays: ScanRays, points: np.ndarray, storeys: np.ndarray) -> tuple[float, float]:
-    """Heights of the floor under the sensor and of the ceiling above it.
-
-    They are the middle ones of some around it: it may stand in a doorway, by a stair, or at a table. Where the building
-    has none, whatever is under and above it tells; else walls and columns around its height; else what was measured.
-    Where the floor lies farther below than a sensor stands, a storey tells that begins where it may stand: it has no
-    slab. `storeys` (S,) [m] are the heights that they begin at; of ceilings they tell nothing.
-    """
-    floor, ceiling = (rays.position[2] + way * _clearance(scene, rays.position, way) for way in (-1.0, 1.0))
-    if not (np.isfinite(floor) and np.isfinite(ceiling)):
-        low, high = (corner[:, 2] for corner in element_bounds(scene.triangles))
-        around = (
-            np.isin(scene.triangles.semantic, (WALL, PILLAR)) & (low < rays.position[2]) & (high > rays.position[2])
-        )
-        ends = (
-            (np.median(low[around]), np.median(high[around])) if around.any() else np.percentile(points[:, 2], LEVELS)
-        )
-        floor = floor if np.isfinite(floor) else min(ends[0], rays.position[2])
-        ceiling = ceiling if np.isfinite(ceiling) else max(ends[1], rays.position[2])
-    height = rays.position[2] - storeys
-    without_slab = storeys[(height >= STANDING[0]) & (height <= STANDING[1])]
-    if rays.position[2] - floor > STANDING[1] and len(without_slab):
-        floor = without_slab.max()
-    return float(floor), float(max(ceiling, floor + LEAST_ROOM))
-
-
-def ceilings_over(scene: TriangleScene, points: np.ndarray, frame: Frame) -> np.ndarray:
-    """Heights (N,) [m] of the ceiling above each point (N, 3): the next room may be lower, a roof slopes.
-
-    That of the frame where the building has none there. What is above the sensor's height is what a room ends at; a
-    point that is higher lies, at most, on the lower side of it.
-    """
-    level, wall = np.isin(scene.triangles.semantic, (FLOOR, CEILING)), scene.triangles.semantic == WALL
-    start = np.array(points, np.float64)
-    start[:, 2] = np.maximum(frame.sensor[2], start[:, 2] - BELOW)
-
-    def free(origin: np.ndarray, way: np.ndarray, present: np.ndarray) -> np.ndarray:
-        along = np.tile(way.astype(np.float32), (len(origin), 1))
-        return cast_triangles(scene, Rays(origin[None], along), present).distance[0]
-
-    found = start[:, 2] + free(start, UP, level)
-    for way in ASIDE:
-        beside = start[:, 2] + free(start + EDGE * way, UP, level)
-        lower = np.flatnonzero(beside < found - SAME_CEILING)
-        lower = lower[free(start[lower], way, wall) > EDGE]  # else it is in the next room
-        found[lower] = beside[lower]
-    other = np.isfinite(found) & (np.abs(found - frame.ceiling) > SAME_CEILING) & (found - frame.floor > LEAST_ROOM)
-    return np.where(other, found, frame.ceiling)
-
-
-def _clearance(scene: TriangleScene, position: np.ndarray, way: float) -> float:
-    """Height [m] that is free under (`way` -1) or above (1) a place, inf where all is."""
-    level = np.isin(scene.triangles.semantic, (FLOOR, CEILING))
-    x, y = np.meshgrid(AROUND, AROUND)
-    places = position + np.stack([x, y, np.zeros_like(x)], -1).reshape(-1, 1, 3)
-    beside = Rays(places.reshape(-1, 3), np.array([[0.0, 0.0, way]], np.float32))
-    right_there = Rays(position[None], beside.direction)
-    for rays, present in ((beside, level), (right_there, None)):
-        free = cast_triangles(scene, rays, present).distance
-        if np.isfinite(free).any():
-            return float(np.median(free[np.isfinite(free)]))
-    return np.inf
 
 
 def _prior_view(

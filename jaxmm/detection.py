@@ -25,7 +25,7 @@ from jaxmm.outdoors import OUTDOORS, is_outdoors, of_building_only
 from jaxmm.placement import Placed, place
 from jaxmm.priors import Prior, without_stray
 from jaxmm.remaining import filling, gone_of, look_past_what_is_gone, remains_of
-from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on, passed_doors
+from jaxmm.report import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on, open_doors
 from jaxmm.scan_noise import settled
 from jaxmm.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts import OCCLUDED, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
@@ -100,7 +100,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         "residual": float(np.max([one.residual for one in placed])),
         "scans": [one.registration for one in records],
     }
-    notes = (*prior.notes, *notes_on(mismatches, elements), *passed_doors(_passed_doors(prior, verdicts, settings)))
+    notes = (*prior.notes, *notes_on(mismatches, elements), *open_doors(_doors_passed(prior, verdicts, settings)))
     return Detection(mismatches, elements, records, registration, settings.as_json(), watch.laps(), notes, drawing)
 
 
@@ -220,7 +220,7 @@ def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSe
     return [one if mine else one._replace(verdict=OCCLUDED) for one, mine in zip(verdicts, wanted, strict=True)]
 
 
-def _passed_doors(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[str]:
+def _doors_passed(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[str]:
     """Names of the doors that rays pass, in walls that stand; of none where doors get verdicts."""
     if verdicts is None or DOOR in _semantics(settings):
         return []

@@ -54,7 +54,7 @@ class View(NamedTuple):
     apart: np.ndarray  # (N,) [m] to the surface of the other side
     cosine: np.ndarray  # (N,) of the incidence
     candidate: np.ndarray  # (N,) bool: what could be a mismatch by its own evidence
-    ceiling: np.ndarray | None = None  # (N,) [m] world, of what the prior has above each; None: the frame's, of all
+    levels: np.ndarray | None = None  # (N, 2) [m] world, of floor and ceiling of each point; None: the frame's, of all
 
     def at(self, chosen: np.ndarray) -> "View":
         """The view of some of its points, (n,) int or (N,) bool."""
@@ -184,10 +184,11 @@ def features_of(view: View, frame: Frame) -> np.ndarray:
 def _heights(view: View, frame: Frame) -> Heights:
     """Where each point is between the floor and the ceiling above it."""
     points = np.asarray(view.points, np.float64)
-    ceiling = np.full(len(points), frame.ceiling) if view.ceiling is None else view.ceiling
-    height = ceiling - frame.floor
-    below, above = (gap / height for gap in _visible_gaps(points, ceiling, frame))
-    return Heights((points[:, 2] - frame.floor) / height, below, above)
+    levels = np.tile((frame.floor, frame.ceiling), (len(points), 1)) if view.levels is None else view.levels
+    floor, ceiling = levels.T
+    height = ceiling - floor
+    below, above = (gap / height for gap in _visible_gaps(points, levels, frame))
+    return Heights((points[:, 2] - floor) / height, below, above)
 
 
 def _groups(view: View) -> tuple[np.ndarray, np.ndarray]:
@@ -241,13 +242,14 @@ def _of_columns(view: View, stands: Heights) -> list[np.ndarray]:
     return [_spread(values[number], inside) for values in told]
 
 
-def _visible_gaps(points: np.ndarray, ceiling: np.ndarray, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+def _visible_gaps(points: np.ndarray, levels: np.ndarray, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     """How far each point is from the lowest and the highest place that could be seen below and above it [m]."""
     offset = points - frame.sensor
     level, cell = np.hypot(offset[:, 0], offset[:, 1]), _azimuth_cell(offset)
     top, bottom = (np.nan_to_num(slope[cell], nan=0.0, posinf=1e6, neginf=-1e6) for slope in (frame.top, frame.bottom))
+    floor, ceiling = levels.T
     highest = np.minimum(ceiling, frame.sensor[2] + level * top)
-    lowest = np.maximum(frame.floor, frame.sensor[2] + level * bottom)
+    lowest = np.maximum(floor, frame.sensor[2] + level * bottom)
     return np.maximum(points[:, 2] - lowest, 0.0), np.maximum(highest - points[:, 2], 0.0)
 
 

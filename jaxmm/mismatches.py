@@ -212,11 +212,11 @@ def judged_side(looked: list[Looked], change: str) -> Judged:
     apart = np.concatenate([side.view.apart for side in sides])
     floor, ceiling = min(one.levels[0] for one in looked), max(one.levels[1] for one in looked)
     rays = tuple(Rays(one.rays.position, one.rays.direction, one.rays.distance) for one in looked)
-    over = [side.view.ceiling for side in sides]
+    own = [side.view.levels for side in sides]
     judged = Judged(
         points, pillar, wall, apart, sensors, floor, ceiling, scan,
         rays if change == "added" else None,  # what the robot's rays met says nothing of the faces of what is gone
-        None if any(one is None for one in over) else np.concatenate(over),
+        None if any(one is None for one in own) else np.concatenate(own),
     )  # fmt: skip
     return _with_sky(judged, looked) if change == "added" else judged
 
@@ -228,14 +228,14 @@ def _with_sky(judged: Judged, looked: list[Looked]) -> Judged:
     if not len(scan):
         return judged
     old = np.zeros(len(scan), judged.wall.dtype)
-    ceilings = np.full(len(scan), judged.ceiling)
+    levels = np.full((len(scan), 2), (judged.floor, judged.ceiling))
     return judged._replace(
         points=np.concatenate([judged.points, *skies]),
         pillar=np.concatenate([judged.pillar, old]),
         wall=np.concatenate([judged.wall, old]),
         apart=np.concatenate([judged.apart, old.astype(judged.apart.dtype)]),
         scan=np.concatenate([judged.scan, scan]),
-        over=None if judged.over is None else np.concatenate([judged.over, ceilings.astype(judged.over.dtype)]),
+        levels=None if judged.levels is None else np.concatenate([judged.levels, levels]),
     )
 
 

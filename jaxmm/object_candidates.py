@@ -118,7 +118,7 @@ def _is_far_end(sight: Sight, wall: Piece, group: list[Piece], settings: Candida
     from_here, to_there = way * wall.face.length / 2, (place * way).min() * way
     if not settings.corner < (to_there - from_here) * way <= settings.hidden_gap:
         return False
-    sight = sight.under(wall.members)
+    sight = sight.around(wall.members)
     if reach(sight, wall, way, settings) < settings.shown:  # one sees that the face ends before
         return False
     start, end = (wall.face.center + wall.face.along * one for one in (from_here, to_there))

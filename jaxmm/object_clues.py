@@ -114,8 +114,8 @@ def clues_of(
         settings: how far is looked.
     """
     first, flat = candidate.first, _flat(sight, candidate.first)
-    sight = sight.under(candidate.members)
-    looks = [look._replace(sight=look.sight._replace(ceiling=sight.ceiling)) for look in looks]
+    sight = sight.around(candidate.members)
+    looks = [look._replace(sight=look.sight._replace(floor=sight.floor, ceiling=sight.ceiling)) for look in looks]
     told = (
         _of_shape(sight, candidate, settings)
         | _of_ends(sight, looks, candidate, flat, opinions, settings)

@@ -146,7 +146,7 @@ def _faces_of_each(places: np.ndarray, origin: np.ndarray, settings: PieceSettin
 
 def _grown(sight: Sight, piece: Piece, loose: np.ndarray, settings: PieceSettings) -> tuple[Piece, np.ndarray]:
     """The piece with the loose points that continue it, and those that are left."""
-    above = sight.points[loose, 2] > sight.under(piece.members).ceiling  # it is on the next storey
+    above = sight.points[loose, 2] > sight.around(piece.members).ceiling  # it is on the next storey
     higher, loose = loose[above], loose[~above]
     if not len(loose):
         return piece, higher
@@ -193,7 +193,7 @@ def _trimmed(sight: Sight, piece: Piece, settings: PieceSettings) -> Piece:
     """A face without what is lower at either end of it and looked over: furniture in one line with it."""
     if piece.face is None:
         return piece
-    sight = sight.under(piece.members)
+    sight = sight.around(piece.members)
     for way in (-1.0, 1.0):
         place = (sight.points[piece.members, :2] - piece.face.center) @ piece.face.along * way
         z = sight.points[piece.members, 2]
@@ -214,7 +214,7 @@ def _may_be_upright(sight: Sight, piece: Piece, settings: PieceSettings) -> bool
     low, high = float(z.min()), float(z.max())
     if not settings.least_height <= high - low < settings.furniture_height:
         return high - low >= settings.furniture_height
-    start, end, sight = *front_of(piece), sight.under(piece.members)
+    start, end, sight = *front_of(piece), sight.around(piece.members)
     ends_as_furniture = high - sight.floor < settings.tallest
     for bottom, top in ((high, sight.ceiling if ends_as_furniture else high), (sight.floor, low)):
         if top - bottom > settings.least_gap:
@@ -268,7 +268,7 @@ def _is_one(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> bool:
     if gap <= settings.link or gap > settings.hidden_gap:
         return bool(gap <= settings.link)
     start, end = (a.face.center + a.face.along * place for place in between)
-    sight = sight.under(a.members)
+    sight = sight.around(a.members)
     if gap <= settings.run_gap:
         return bool(between_of(sight, start, end, settings).free <= settings.free)
     return is_hidden(sight, start, end, settings)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-HIGHEST = 0.9  # quantile of heights, from which points tell of the ceiling above them
+HIGHEST = 0.9  # quantile of heights, from which points tell of the ceiling above them; the lowest tell of the floor
 LEAST_RAYS = 3  # toward a patch, before it can be called free
 
 
@@ -19,14 +19,19 @@ class Sight(NamedTuple):
     origin: np.ndarray  # (N, 3) float64 [m] the sensor of the scan that the point is of
     floor: float  # [m]
     ceiling: float
-    over: np.ndarray | None = None  # (N,) [m] the ceiling over each point, where it is not one for all
+    levels: np.ndarray | None = (
+        None  # (N, 2) [m] the floor and ceiling of each point, where they are not the same of all
+    )
 
-    def under(self, members: np.ndarray) -> "Sight":
-        """The same with the ceiling that is over some points (n,) int: over the highest tenth of them."""
-        if self.over is None:
+    def around(self, members: np.ndarray) -> "Sight":
+        """The same with floor and ceiling of some points (n,) int: of the lowest and of the highest tenth of them."""
+        if self.levels is None:
             return self
-        z = self.points[members, 2]
-        return self._replace(ceiling=float(np.median(self.over[members][z >= np.quantile(z, HIGHEST)])))
+        z, (floor, ceiling) = self.points[members, 2], self.levels[members].T
+        lowest, highest = np.quantile(z, (1.0 - HIGHEST, HIGHEST))
+        return self._replace(
+            floor=float(np.median(floor[z <= lowest])), ceiling=float(np.median(ceiling[z >= highest]))
+        )
 
 
 class Patch(NamedTuple):

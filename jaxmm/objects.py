@@ -43,7 +43,7 @@ class Judged(NamedTuple):
     ceiling: float
     scan: np.ndarray | None = None  # (N,) int which of the S saw each point; where None, the nearest may have
     rays: tuple[Rays, ...] | None = None  # (S,) all of each scan, needs `scan`; where None, those to the points are all
-    over: np.ndarray | None = None  # (N,) [m] the ceiling over each point; where None, `ceiling` is over all
+    levels: np.ndarray | None = None  # (N, 2) [m] floor and ceiling of each point; where None, those above are of all
 
 
 class Examined(NamedTuple):
@@ -142,7 +142,7 @@ def _solids(
     None where the likelier tells nothing of its shape. It is `shown` by thinned points, and by all rays.
     """
     thinned, one = shown
-    seen = sight.under(one.members)
+    seen = sight.around(one.members)
 
     @functools.cache
     def made(is_wall: bool) -> Solid | None:
@@ -187,8 +187,8 @@ def examine(judged: Judged, settings: ObjectSettings, known: KnownBuilding | Non
     known = known or KnownBuilding()
     sight, opinions = _checked(judged)
     probability, z = np.maximum(opinions.pillar, opinions.wall), sight.points[:, 2]
-    ceiling = sight.ceiling if sight.over is None else sight.over
-    inside = (z > sight.floor + settings.surface_margin) & (z < ceiling - settings.surface_margin)
+    floor, ceiling = (sight.floor, sight.ceiling) if sight.levels is None else sight.levels.T
+    inside = (z > floor + settings.surface_margin) & (z < ceiling - settings.surface_margin)
     needed = np.where(opinions.apart > ONTO, min(settings.threshold_apart, settings.threshold), settings.threshold)
     chosen = inside & (probability >= needed) & (opinions.apart >= settings.least_apart)
     loose = inside & ~chosen & (opinions.apart > ONTO)
@@ -220,7 +220,7 @@ def _looks(judged: Judged, sight: Sight) -> list[Look]:
     for number, sensor in enumerate(sensors):
         own = np.asarray(judged.scan) == number if judged.scan is not None else np.ones(len(sight.points), bool)
         if own.any():
-            mine = sight._replace(points=sight.points[own], origin=sight.origin[own], over=None)
+            mine = sight._replace(points=sight.points[own], origin=sight.origin[own], levels=None)
             rays = judged.rays[number] if judged.rays is not None else _rays_to(mine)
             looks.append(Look(mine, view_of(mine.points, sensor), rays))
     return looks
@@ -231,7 +231,7 @@ def _rays_to(sight: Sight) -> Rays:
 
 
 def _found(sight: Sight, solid: Solid, settings: ObjectSettings) -> Found:
-    low, high, upright = levels_of(sight.under(solid.members), solid, settings)
+    low, high, upright = levels_of(sight.around(solid.members), solid, settings)
     turn = float(np.degrees(turn_of(solid.along)))
     box = Box(
         solid.object_type,
@@ -265,15 +265,15 @@ def _checked(judged: Judged) -> tuple[Sight, Opinions]:
         scan = np.asarray(judged.scan)
         if scan.shape != (len(points),) or not np.all((scan >= 0) & (scan < len(sensors))):
             raise ValueError(f"scan must be ({len(points)},) of 0 to {len(sensors) - 1}, got {scan.shape}")
-    if judged.over is not None and (np.shape(judged.over) != (len(points),) or not np.isfinite(judged.over).all()):
-        raise ValueError(f"over must be ({len(points)},) and finite, got {np.shape(judged.over)}")
+    levels = None if judged.levels is None else np.asarray(judged.levels, np.float64)
+    if levels is not None and (levels.shape != (len(points), 2) or not np.isfinite(levels).all()):
+        raise ValueError(f"levels must be ({len(points)}, 2) and finite, got {levels.shape}")
     if judged.rays is not None:
         _check_rays(judged.rays, sensors, judged.scan)
     if not judged.floor < judged.ceiling:
         raise ValueError(f"floor must lie below ceiling, got {judged.floor} and {judged.ceiling}")
     origin = sensors_of(points, sensors, judged.scan)
-    over = None if judged.over is None else np.asarray(judged.over, np.float64)
-    return Sight(points, origin, float(judged.floor), float(judged.ceiling), over), opinions
+    return Sight(points, origin, float(judged.floor), float(judged.ceiling), levels), opinions
 
 
 def _check_rays(rays: tuple[Rays, ...], sensors: np.ndarray, scan: np.ndarray | None) -> None:

@@ -179,7 +179,7 @@ def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, .
     )
 
 
-def passed_doors(names: list[str]) -> tuple[str, ...]:
+def open_doors(names: list[str]) -> tuple[str, ...]:
     """That doors of these names are no barrier; nothing without any."""
     if not names:
         return ()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from box_building import building_of
 
-from jaxmm.building_sighting import levels_of
+from jaxmm.building_levels import levels_of
 from jaxmm.scan_rays import ScanRays
 from warp_scanner.scenes import CEILING, FLOOR, TABLE, WALL
 from warp_scanner.triangles import prepare

@@ -5,7 +5,8 @@ import pytest
 from box_building import building_of
 from known_rooms import judged, pillar, slab, wall
 
-from jaxmm.building_sighting import ceilings_over, hits_of
+from jaxmm.building_levels import ceilings_over
+from jaxmm.building_sighting import hits_of
 from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans
@@ -72,10 +73,12 @@ def test_behind_a_wall_is_another_room(x, ceiling, z):
 def test_one_point_alone_tells_nothing_of_the_ceiling():
     """What errs may lie above its ceiling, and see the next one."""
     z = np.linspace(0.1, 2.9, 29)
-    sight = Sight(np.column_stack([np.ones(29), np.zeros(29), z]), np.zeros((29, 3)), 0.0, 8.0, np.full(29, 3.0))
-    over = sight.over.copy()
-    over[-1] = 3.2
-    assert sight._replace(over=over).under(np.arange(29)).ceiling == 3.0
+    sight = Sight(
+        np.column_stack([np.ones(29), np.zeros(29), z]), np.zeros((29, 3)), 0.0, 8.0, between(0, np.full(29, 3.0))
+    )
+    levels = sight.levels.copy()
+    levels[-1, 1] = 3.2
+    assert sight._replace(levels=levels).around(np.arange(29)).ceiling == 3.0
 
 
 def test_what_hardly_differs_is_the_ceiling_above_the_sensor():
@@ -95,10 +98,10 @@ def test_features_under_a_lower_ceiling_are_those_of_a_lower_room():
     )
     column = View(points, np.full(29, -1), rays, -one, 0.03 * one, one, one, np.ones(29, bool))
     hall, low = features_of(column, OPEN), features_of(column, OPEN._replace(ceiling=3.0))
-    np.testing.assert_array_equal(features_of(column._replace(ceiling=np.full(29, 3.0)), OPEN), low)
-    np.testing.assert_array_equal(features_of(column._replace(ceiling=np.full(29, 8.0)), OPEN), hall)
-    some = column._replace(ceiling=np.full(29, 3.0)).at(np.arange(9))
-    assert len(some.points) == len(some.ceiling) == 9 and column.at(np.arange(9)).ceiling is None
+    np.testing.assert_array_equal(features_of(column._replace(levels=between(0, np.full(29, 3.0))), OPEN), low)
+    np.testing.assert_array_equal(features_of(column._replace(levels=between(0, np.full(29, 8.0))), OPEN), hall)
+    some = column._replace(levels=between(0, np.full(29, 3.0))).at(np.arange(9))
+    assert len(some.points) == len(some.levels) == 9 and column.at(np.arange(9)).levels is None
     gap = FEATURES.index("pool ceiling gap")
     assert hall[0, gap] == pytest.approx(5.1 / 8) and low[0, gap] == pytest.approx(0.1 / 3, rel=1e-5)
 
@@ -109,6 +112,11 @@ def looked_over(seen):
     return joined(seen, np.column_stack([np.full(len(y), 5.0), y, z]), apart=0.0)
 
 
+def between(floor, ceilings):
+    """Levels (N, 2) of one floor and some ceilings (N,)."""
+    return np.column_stack([np.full(len(ceilings), float(floor)), ceilings])
+
+
 def joined(seen, points, apart):
     """A scan with points that hardly anyone holds for changed, under the ceiling of the hall; its own under another."""
     more, nothing = len(points), np.zeros(len(points))
@@ -116,7 +124,7 @@ def joined(seen, points, apart):
         points=np.concatenate([seen.points, points]), ceiling=8.0, rays=seen.rays if apart == 0.0 else None,
         pillar=np.append(seen.pillar, nothing), wall=np.append(seen.wall, nothing),
         apart=np.append(seen.apart, nothing + apart), scan=np.append(seen.scan, np.zeros(more, int)),
-        over=np.append(np.full(len(seen.points), 3.0), nothing + 8.0),
+        levels=between(0, np.append(np.full(len(seen.points), 3.0), nothing + 8.0)),
     )  # fmt: skip
 
 
@@ -154,7 +162,7 @@ def test_objects_under_a_lower_ceiling_are_those_of_a_lower_room(changed, others
         np.testing.assert_array_equal(a.box.center, b.box.center)
         np.testing.assert_array_equal(a.box.dimensions, b.box.dimensions)
     assert not np.array_equal(
-        examine(hall._replace(over=None), ObjectSettings()).clues, examine(hall, ObjectSettings()).clues
+        examine(hall._replace(levels=None), ObjectSettings()).clues, examine(hall, ObjectSettings()).clues
     )
 
 

@@ -18,7 +18,7 @@ JOINTS = {
         pipeline localisation gathering sides sighting cloud_sighting simulator cli priors scan_rays room_scans
         building_sighting hindsight next_view mismatches cli_detect cloud_comparison detection detect_files ifc_update
         raw_scans remaining scan_files scan_las scan_noise building_clouds paper_scenes runs local_engine
-        object_training hanging outdoors contradictions
+        object_training hanging outdoors contradictions building_levels
     """.split()
 }
 

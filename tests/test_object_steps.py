@@ -151,8 +151,8 @@ def test_rays_beyond_before_and_on_a_patch_are_told_apart():
         ({"rays": ()}, "rays must be those of 1 scans"),
         ({"rays": (NO_RAYS,)}, "rays must start at the sensor of their scan"),
         ({"rays": (NO_RAYS,), "sensor": NO_RAYS.origin[None].repeat(2, axis=0)}, "rays must be those of 2 scans"),
-        ({"over": np.zeros(3)}, r"over must be \(4,\) and finite, got \(3,\)"),
-        ({"over": np.full(4, np.nan)}, r"over must be \(4,\) and finite"),
+        ({"levels": np.zeros((4, 3))}, r"levels must be \(4, 2\) and finite, got \(4, 3\)"),
+        ({"levels": np.full((4, 2), np.nan)}, r"levels must be \(4, 2\) and finite"),
         ({"floor": 3.0}, "floor must lie below ceiling, got 3.0 and 3.0"),
     ],
 )
