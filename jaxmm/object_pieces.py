@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from sklearn.cluster import DBSCAN
 
-from jaxmm.object_shapes import Circle, Face, circle_through, face_through, faces_of
+from jaxmm.object_shapes import Circle, Face, circle_through, face_along, face_through, faces_of
 from jaxmm.object_sight import Crossings, Patch, Sight, crossings, upright_patch
 
 
@@ -109,7 +109,7 @@ def joined(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[P
     while first < len(pieces):
         for second in range(first + 1, len(pieces)):
             if _is_one(sight, pieces[first], pieces[second], settings):
-                pieces[first] = _merged(sight, pieces[first], pieces.pop(second))
+                pieces[first] = _merged(sight, pieces[first], pieces.pop(second), settings)
                 break  # the grown face may now reach one that it did not
         else:
             first += 1
@@ -294,6 +294,17 @@ def between_of(sight: Sight, start: np.ndarray, end: np.ndarray, settings: Piece
     return crossings(sight, patch, settings.tolerance)
 
 
-def _merged(sight: Sight, a: Piece, b: Piece) -> Piece:
-    members = np.sort(np.concatenate([a.members, b.members]))
-    return a._replace(members=members, face=face_through(sight.points[:, :2], members))
+def _merged(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> Piece:
+    """Two pieces of one wall as one. Where one is set back, as a window's pane is, the wall's face is the other."""
+    places, members = sight.points[:, :2], np.sort(np.concatenate([a.members, b.members]))
+    front, back = (a, b) if (b.face.center - a.face.center) @ a.toward < 0.0 else (b, a)
+    if np.abs((b.face.ends - a.face.center) @ a.face.across).max() <= settings.tolerance:
+        off = np.abs((places[members] - a.face.center) @ a.face.across)
+        line = face_through(places, members[off <= 2.0 * settings.tolerance])  # what is set back is farther off
+    else:
+        # A radiator or a board before a wall ends lower than that.
+        top, others = (sight.points[one.members, 2].max() for one in (front, back))
+        own = back if top < others - settings.lower else front
+        longer = max(a.face, b.face, key=lambda face: face.length)
+        line = own.face._replace(along=longer.along)
+    return a._replace(members=members, face=face_along(places, members, line))

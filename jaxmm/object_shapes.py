@@ -71,7 +71,15 @@ def faces_of(places: np.ndarray, tolerance: float, gap: float, least: int) -> li
 
 def face_through(places: np.ndarray, members: np.ndarray) -> Face:
     """The face of some of the points (N, 2): the line of least squares, from the first of them to the last."""
-    center, along = line_through(places[members])
+    return _spanned(places, members, *line_through(places[members]))
+
+
+def face_along(places: np.ndarray, members: np.ndarray, line: Face) -> Face:
+    """The face on the line of another one, that reaches as far as some of the points (N, 2)."""
+    return _spanned(places, members, line.center, line.along)
+
+
+def _spanned(places: np.ndarray, members: np.ndarray, center: np.ndarray, along: np.ndarray) -> Face:
     place = (places[members] - center) @ along
     low, high = float(place.min()), float(place.max())
     return Face(members, center + along * (low + high) / 2, along, high - low)

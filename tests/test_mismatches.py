@@ -51,7 +51,7 @@ def raised(looked, by):
     """The same scan of the storey above."""
     sides = {}
     for change, side in (("added", looked.added), ("removed", looked.removed)):
-        view = side.view._replace(points=side.view.points + np.float32([0, 0, by]), ceiling=side.view.ceiling + by)
+        view = side.view._replace(points=side.view.points + np.float32([0, 0, by]), levels=side.view.levels + by)
         sides[change] = side._replace(view=view)
     rays = looked.rays._replace(position=looked.rays.position + np.array([0, 0, by]))
     return looked._replace(rays=rays, levels=tuple(level + by for level in looked.levels), **sides)

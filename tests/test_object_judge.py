@@ -249,7 +249,7 @@ def test_what_is_learnt_of_added_things_is_what_detect_sees(scene):
         )
         assert told is not None and nothing is None and not added.removed.probability.any()
         seen, expected = (judged_side([one], "added") for one in (added, whole))
-        for field in ("points", "pillar", "wall", "apart", "sensor", "floor", "ceiling", "scan", "over"):
+        for field in ("points", "pillar", "wall", "apart", "sensor", "floor", "ceiling", "scan", "levels"):
             np.testing.assert_array_equal(getattr(seen, field), getattr(expected, field))
         np.testing.assert_array_equal(seen.rays[0].distance, expected.rays[0].distance)
 

@@ -38,6 +38,25 @@ def test_what_several_scans_see_alike_has_the_clues_of_what_one_sees():
     np.testing.assert_allclose(*(np.sort(one, axis=0) for one in clues), atol=0.06)
 
 
+def test_a_wall_lies_where_it_is_in_front_of_its_panes():
+    """Panes from floor to ceiling, set back by 0.12 m, show more than the wall between them does."""
+    parts = [wall(4.0, y, 0.4, 0.3, 90) for y in (-1.7, 0.0, 1.7)]
+    panes = [wall(3.995, y, 1.3, 0.05, 90) for y in (-0.85, 0.85)]
+    (found,) = find_objects(judged(*parts, *panes))
+    assert found.box.object_type == "wall"
+    front = found.box.center[0] - found.box.dimensions[1] / 2
+    assert front == pytest.approx(3.85, abs=0.01) and abs(abs(found.box.rotation) - 90.0) < 0.5
+    assert found.box.dimensions[0] == pytest.approx(3.8, abs=0.06)
+
+
+def test_what_is_lower_before_a_wall_is_not_its_face():
+    """A radiator of 2 m, 0.1 m before a wall that furniture hides the middle of, shows more than the wall does."""
+    whole, heater = wall(4.0, 0.0, 3.6, 0.2, 90), slab((3.82, 0.04), (0.0, 2.4), 0.0, 1.4)
+    (found,) = find_objects(judged(whole, heater))
+    assert found.box.object_type == "wall"
+    assert found.box.center[0] - found.box.dimensions[1] / 2 == pytest.approx(3.9, abs=0.01)
+
+
 def test_a_wall_is_one_around_its_window_and_what_stands_below_a_window_alone_is_furniture():
     below, above = slab((3.0, 0.2), (0.0, 2.0), FLOOR, 0.8), slab((3.0, 0.2), (0.0, 2.0), 2.1, CEILING)
     sure = says(0.05, 0.05, 0.9)
