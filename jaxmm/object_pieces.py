@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from sklearn.cluster import DBSCAN
 
+from jaxmm.object_shafts import shaft_of
 from jaxmm.object_shapes import Circle, Face, circle_through, face_along, face_through, faces_of
 from jaxmm.object_sight import Crossings, Patch, Sight, crossings, upright_patch
 
@@ -32,6 +33,7 @@ class PieceSettings:
     free: float = 0.5  # share of the rays through a patch beyond which it is free
     rim: float = 0.04  # left out above and below a piece when one looks past it
     least_gap: float = 0.1  # to ceiling or floor, through which one can look
+    clearance: float = 0.25  # to both, through which one looks past what is higher than furniture, and yet no wall
     beside: float = 0.2  # most between two sides of one thing
     step_up: float = 0.15  # most of one side's top above the other's
     lower: float = 0.3  # by which what stands in one line with a thing is lower, if it is none of it
@@ -70,7 +72,8 @@ def pieces_of(sight: Sight, chosen: np.ndarray, loose: np.ndarray, settings: Pie
         settings: what is a face, and what is round.
     """
     pieces: list[Piece] = []
-    for number, members in enumerate(_clusters(sight, chosen, settings)):
+    for number, cluster in enumerate(_clusters(sight, chosen, settings)):
+        members = shaft_of(sight, cluster, settings.tolerance)
         places = sight.points[members, :2]
         faces = faces_of(places, settings.tolerance, settings.run_gap, settings.least_points)
         circle = _round(places, faces, settings)
@@ -82,7 +85,7 @@ def pieces_of(sight: Sight, chosen: np.ndarray, loose: np.ndarray, settings: Pie
         pieces += [Piece(*shape, number, np.median(sight.origin[shape[0]], axis=0)) for shape in shapes]
     for index in sorted(range(len(pieces)), key=lambda index: -len(pieces[index].members)):
         pieces[index], loose = _grown(sight, pieces[index], loose, settings)
-    return pieces
+    return [_narrowed(sight, piece, settings) for piece in pieces]
 
 
 def upright(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[Piece]:
@@ -166,6 +169,16 @@ def _grown(sight: Sight, piece: Piece, loose: np.ndarray, settings: PieceSetting
     return grown, np.append(np.delete(loose, on), higher)
 
 
+def _narrowed(sight: Sight, piece: Piece, settings: PieceSettings) -> Piece:
+    """A face of a column without what a capital, or corbels, have in its plane."""
+    if piece.face is None:
+        return piece
+    members = shaft_of(sight, piece.members, settings.tolerance, piece.face.along)
+    if len(members) == len(piece.members):
+        return piece
+    return piece._replace(members=members, face=face_through(sight.points[:, :2], members))
+
+
 def _run_end(place: np.ndarray, end: float, gap: float) -> float:
     """Where a run that reaches to `end` [m] ends if places (n,) go on from there with no gap wider than `gap`."""
     steps = np.sort(np.append(end, place[place > end]))
@@ -212,16 +225,19 @@ def _trimmed(sight: Sight, piece: Piece, settings: PieceSettings) -> Piece:
 def _may_be_upright(sight: Sight, piece: Piece, settings: PieceSettings) -> bool:
     z = sight.points[piece.members, 2]
     low, high = float(z.min()), float(z.max())
-    if not settings.least_height <= high - low < settings.furniture_height:
-        return high - low >= settings.furniture_height
     start, end, sight = *front_of(piece), sight.around(piece.members)
-    ends_as_furniture = high - sight.floor < settings.tallest
-    for bottom, top in ((high, sight.ceiling if ends_as_furniture else high), (sight.floor, low)):
-        if top - bottom > settings.least_gap:
-            patch = Patch(start, end, bottom + settings.rim, top - settings.rim)
-            if crossings(sight, patch, settings.tolerance).free > settings.free:
-                return False
-    return True
+
+    def free(bottom: float, top: float) -> bool:
+        patch = Patch(start, end, bottom + settings.rim, top - settings.rim)
+        return crossings(sight, patch, settings.tolerance).free > settings.free
+
+    below, above = (sight.floor, low), (high, sight.ceiling)
+    if high - low >= settings.furniture_height:  # a lorry is as high as a wall, but stands on wheels
+        return not all(top - bottom > settings.clearance and free(bottom, top) for bottom, top in (below, above))
+    if high - low < settings.least_height:
+        return False
+    gaps = (below, above) if high - sight.floor < settings.tallest else (below,)
+    return not any(top - bottom > settings.least_gap and free(bottom, top) for bottom, top in gaps)
 
 
 def _is_around_opening(sight: Sight, piece: Piece, other: Piece, settings: PieceSettings) -> bool:

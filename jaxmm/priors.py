@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from jaxmm.building_grid import QUARTER, uprights_of
 from jaxmm.building_own import OwnElements
 from jaxmm.inputs import InputError
-from jaxmm.object_shapes import is_round
+from jaxmm.object_shapes import is_round, rectangle_along
 from jaxmm.object_walls import KnownBuilding
 from jaxmm.report import PriorFile
 from jaxmm.scan_files import READERS, PointScan, read_scans
@@ -21,7 +21,7 @@ from jaxmm.scan_rays import PosedScan, drawn, overtaken
 from jaxmm.scan_units import Distance
 from warp_scanner.building_changes import Change, of_element
 from warp_scanner.building_files import read_building
-from warp_scanner.buildings import AS_IT_IS, Building, ReadOptions, remarks
+from warp_scanner.buildings import AS_IT_IS, Building, ReadOptions, element_bounds, remarks
 from warp_scanner.mesh_files import SUFFIXES
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import PILLAR, WALL
@@ -31,7 +31,8 @@ from warp_scanner.voxels import thin_clouds
 VOXEL = 0.1  # [m] to which a cloud is thinned
 BESIDE = 0.02  # [m] beside a wall, to look from
 SHORT, SLENDER = 1.6, 2.0  # [m], times its thickness: a wall no longer, and no shorter, may pass for a pillar
-FACADE = ("IfcCurtainWall", "IfcPlate", "IfcMember")
+FACADE, PROXY = ("IfcCurtainWall", "IfcPlate", "IfcMember"), "IfcBuildingElementProxy"
+UPRIGHT = 2.0  # [m] height from which a proxy may be a wall or a column
 MOST_BEHIND = 0.1  # share of its points behind others, beyond which a scan was not taken from where its file says
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
 
@@ -136,11 +137,20 @@ def prior_of_building(building: Building) -> Prior:
 
 
 def _unasked(building: Building) -> list[str]:
-    """That nobody tells of curtain walls, where the building has any."""
-    count = sum(one in FACADE for one in building.elements.ifc_class)
-    of = "1 element is" if count == 1 else f"{count} elements are"
-    told = f"note: {of} of the classes {', '.join(FACADE)}: rays meet them, but they get no verdict"
-    return [told] if count else []
+    """That nobody tells of curtain walls, or of what may be a wall or a column by another name, where there is any."""
+    classes = np.asarray(building.elements.ifc_class, str)
+    low, high = element_bounds(building.triangles)
+    upright = (classes == PROXY) & (high[:, 2] - low[:, 2] >= UPRIGHT)
+    found = {
+        f"of the classes {', '.join(FACADE)}": int(np.isin(classes, FACADE).sum()),
+        f"of the class {PROXY} and {UPRIGHT:g} m high or higher": int(upright.sum()),
+    }
+    return [
+        f"note: {'1 element is' if count == 1 else f'{count} elements are'} {what}: "
+        "rays meet them, but they get no verdict"
+        for what, count in found.items()
+        if count
+    ]
 
 
 def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:
@@ -174,7 +184,8 @@ def _known(building: Building, scene: TriangleScene) -> KnownBuilding:
     )
     thickness = np.round([min(one.size[:2]) for one in walls], 3)
     rounded = [is_round(one.triangles.vertices) for one in columns]
-    sections = np.array([(*sorted(one.size[:2]), circle) for one, circle in zip(columns, rounded, strict=True)])
+    shafts = [shaft_size(one) for one in columns]
+    sections = np.array([(*sorted(shaft), circle) for shaft, circle in zip(shafts, rounded, strict=True)])
     known = [(a, b, bool(circle)) for a, b, circle in _frequent(sections.reshape(-1, 3))]
     is_wall = (thickness > 0.03) & (thickness < 0.6)
     length = np.round([max(one.size[:2]) for one in walls], 3)
@@ -185,7 +196,7 @@ def _known(building: Building, scene: TriangleScene) -> KnownBuilding:
     uprights = uprights_of(building.triangles.vertices, building.triangles.faces, building.triangles.element)
     return KnownBuilding(
         tuple(_frequent(thickness[is_wall])), usual, tuple(known),
-        tuple(map(tuple, _frequent(short))), uprights, _own(walls, columns, rounded),
+        tuple(map(tuple, _frequent(short))), uprights, _own(walls, columns, rounded, shafts),
     )  # fmt: skip
 
 
@@ -199,12 +210,25 @@ def _are_inner(walls: list[Change], scene: TriangleScene) -> np.ndarray:
     return np.all([np.isfinite(cast_triangles(scene, rays).distance[:, 0]) for rays in ways], axis=0)
 
 
-def _own(walls: list[Change], columns: list[Change], rounded: list[bool]) -> OwnElements:
-    each = [*walls, *columns]
+def shaft_size(column: Change) -> np.ndarray:
+    """Edges (2,) [m] along and across a column, halfway up: a capital or a base may be wider than its shaft."""
+    corners = column.triangles.vertices[column.triangles.faces].astype(np.float64) - column.center
+    start, end = (corners[:, order].reshape(-1, 3) for order in ([0, 1, 2], [1, 2, 0]))
+    crosses = (start[:, 2] < 0.0) != (end[:, 2] < 0.0)
+    start, end = start[crosses], end[crosses]
+    if not len(start):
+        return column.size[:2]
+    cut = start + (end - start) * (start[:, 2] / (start[:, 2] - end[:, 2]))[:, None]
+    yaw = np.radians(column.yaw)
+    return rectangle_along(cut[:, :2], np.array([np.cos(yaw), np.sin(yaw)]))[1]
+
+
+def _own(walls: list[Change], columns: list[Change], rounded: list[bool], shafts: list[np.ndarray]) -> OwnElements:
+    each, sizes = [*walls, *columns], [*(one.size[:2] for one in walls), *shafts]
     return OwnElements(
         np.arange(len(each)) < len(walls), np.array([False] * len(walls) + rounded, bool),
         np.array([one.center[:2] for one in each]).reshape(-1, 2),
-        np.radians([one.yaw for one in each]) % QUARTER, np.array([max(one.size[:2]) for one in each]),
+        np.radians([one.yaw for one in each]) % QUARTER, np.array([max(one) for one in sizes]),
     )  # fmt: skip
 
 
