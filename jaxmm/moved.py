@@ -14,6 +14,7 @@ from jaxmm.objects import ObjectSettings
 from jaxmm.report import Mismatch, box_of
 
 OFF_PLACE, MOST_TURNED = 1.2, 0.1  # [m] and sine of a wall's angle, by which things may be built off their place
+STRAIGHT = 1.0  # [m] least edge of a wall's box, beyond which it is bent
 FURNITURE = ObjectSettings().furniture_height  # [m]
 SAME_SIZE = (0.1, 0.15)  # [m], share: sides of an object that moved differ by no more than the greater of both
 AS_FAR = 20.0  # metres that an object moved count as much as one by which its sides differ: rows of columns are alike
@@ -49,8 +50,11 @@ def is_off_its_place(new: Mismatch, gone: Mismatch) -> bool:
         is_alike = new.shape == gone.shape and math.isfinite(_unlike(new, gone))
         return is_alike and bool(np.linalg.norm(offset) <= OFF_PLACE)
     across = np.array([-along[1], along[0]])
-    beside = abs(float(offset @ across))
-    overlap = float(np.mean([max(one.dimensions[:2]) for one in (new, gone)])) - abs(float(offset @ along))
+    length, depth = np.sort(gone.dimensions[:2])[::-1]
+    ahead, beside = abs(float(offset @ along)), abs(float(offset @ across))
+    if depth > STRAIGHT:  # it is bent, and its parts stand in any direction
+        return bool(ahead <= length / 2 + OFF_PLACE and beside <= depth / 2 + OFF_PLACE)
+    overlap = (max(new.dimensions[:2]) + length) / 2 - ahead
     turned = abs(float(long_axis(new.dimensions, new.rotation) @ across))
     return bool(turned <= MOST_TURNED and beside <= OFF_PLACE and overlap >= max(new.dimensions[:2]) / 2)
 

@@ -67,6 +67,16 @@ def _with_odds(share: np.ndarray, odds: np.ndarray) -> np.ndarray:
     return np.append(share[0], odds * ((1.0 - share[0]) / max(odds.sum(), np.finfo(float).tiny)))
 
 
+def by_length(share: np.ndarray, pillar: Solid | None, settings: SolidSettings) -> np.ndarray:
+    """The probabilities (3,) of nothing, a pillar and a wall, the second moved to the last where it would be too long.
+
+    A wall that is curved, or goes around a corner, has more than one side, as pillars have.
+    """
+    if pillar is None or pillar.edges.max() <= settings.longest_column:
+        return share
+    return _with_odds(share, np.array([0.0, 1.0]))
+
+
 def by_width(share: np.ndarray, candidate: Candidate, known: KnownBuilding, settings: SolidSettings) -> np.ndarray:
     """The probabilities (3,) of nothing, a pillar and a wall, moved to the last where a lone face is wide for a column.
 

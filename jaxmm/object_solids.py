@@ -26,6 +26,7 @@ class SolidSettings(CandidateSettings):
     many_walls: int = 16  # from so many on, a building seems to have no other columns than it has
     widest_column: float = 0.95  # of a lone face, in such a building, if its own are at most half as wide
     seldom_wider: float = 100.0  # how many times seldomer it gets wider ones than the rooms that the judge learnt from
+    longest_column: float = 2.0  # what is longer is a wall
     least_width: float = 0.15  # of a lone face that goes on unseen; less tells nothing of its shape
 
 

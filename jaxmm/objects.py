@@ -19,7 +19,7 @@ from jaxmm.building_own import habits_around
 from jaxmm.object_candidates import Candidate, candidates_of
 from jaxmm.object_clues import CLUES, ONTO, Opinions, Surroundings, clues_of
 from jaxmm.object_ends import Look, as_all_rays_show
-from jaxmm.object_familiar import by_size, by_width
+from jaxmm.object_familiar import by_length, by_size, by_width
 from jaxmm.object_finish import Rays
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.object_levels import levels_of
@@ -148,7 +148,7 @@ def _solids(
     def made(is_wall: bool) -> Solid | None:
         return solid_of(seen, one, is_wall, settings, known, thinned)
 
-    share = by_width(share, one, known, settings)
+    share = by_length(by_width(share, one, known, settings), made(False), settings)
     if known.columns or known.short_walls:
         share = by_size(share, one, made(False), known, settings, lambda: _off_grid(seen, made(True), known))
     nothing, pillar, wall = share

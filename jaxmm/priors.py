@@ -146,8 +146,9 @@ def _unasked(building: Building) -> list[str]:
         f"of the class {PROXY} and {UPRIGHT:g} m high or higher": int(upright.sum()),
     }
     return [
-        f"note: {'1 element is' if count == 1 else f'{count} elements are'} {what}: "
-        "rays meet them, but they get no verdict"
+        f"note: 1 element is {what}: rays meet it, but it gets no verdict"
+        if count == 1
+        else f"note: {count} elements are {what}: rays meet them, but they get no verdict"
         for what, count in found.items()
         if count
     ]

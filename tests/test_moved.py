@@ -83,3 +83,13 @@ def test_what_is_off_its_place_is_of_its_kind_and_storey():
         moved._replace(object_type="wall"), moved._replace(dimensions=np.array([0.4, 0.4, 2.0])),
     ):  # fmt: skip
         assert not is_off_its_place(other, gone)
+
+
+def test_parts_of_a_bent_wall_stand_in_any_direction():
+    """An arc of 6 m, 2.6 m deep: what is seen of it off its place is straight, and along none of its box."""
+    gone = mismatch("removed", (6.0, 2.6), kind="wall")
+    part = mismatch("added", (2.5, 0.4), kind="wall")._replace(center=np.array([1.0, 2.0, 0.0]), rotation=50.0)
+    assert is_off_its_place(part, gone)
+    assert not is_off_its_place(part, gone._replace(dimensions=np.array([6.0, 0.3, 3.0])))
+    for center in ([1.0, 2.6, 0.0], [4.3, 0.0, 0.0], [1.0, 2.0, 3.2]):
+        assert not is_off_its_place(part._replace(center=np.array(center)), gone)

@@ -6,7 +6,7 @@ from known_rooms import judged, pillar, says, wall
 
 from jaxmm.building_own import OwnElements
 from jaxmm.object_ends import as_all_rays_show
-from jaxmm.object_familiar import by_size, by_width
+from jaxmm.object_familiar import by_length, by_size, by_width
 from jaxmm.object_solids import solid_of
 from jaxmm.object_walls import KnownBuilding
 from jaxmm.objects import ObjectSettings, examine, find_objects
@@ -153,3 +153,18 @@ def test_a_wide_face_moves_the_odds_of_its_type_and_not_whether_it_is_real(share
     nothing, column, wall = by_width(np.array(share), candidates[0], KnownBuilding(own=elements(16)), settings)
     assert nothing == share[0] and nothing + column + wall == pytest.approx(1.0)
     assert column * share[2] * settings.seldom_wider == pytest.approx(wall * share[1])
+
+
+def test_what_is_longer_than_any_column_is_a_wall():
+    """A curved wall has more than one side, as pillars have."""
+    angles = np.radians(np.arange(0.0, 91.0, 10.0))
+    middle = (angles[1:] + angles[:-1]) / 2
+    arc = [wall(2.0 + 2.0 * np.cos(one), -1.0 + 2.0 * np.sin(one), 0.4, 0.2, 90.0 + np.degrees(one)) for one in middle]
+    assert told(judged(*arc), KnownBuilding(), says(0.02, 0.9, 0.08)).object_type == "wall"
+    settings, share = ObjectSettings(), np.array([0.2, 0.6, 0.2])
+    seen = judged(pillar(3.0, 0.0, 1.1, 40.0))
+    sight, _, candidates, _ = examine(seen, settings)
+    column = solid_of(sight, candidates[0], False, settings, KnownBuilding())
+    assert by_length(share, None, settings) is share and by_length(share, column, settings) is share
+    long = column._replace(edges=np.array([2.1, 0.6]))
+    np.testing.assert_allclose(by_length(share, long, settings), [0.2, 0.0, 0.8])

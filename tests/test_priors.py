@@ -25,7 +25,7 @@ from jaxmm.priors import (
 from jaxmm.report import PriorFile
 from jaxmm.scan_files import PointScan
 from jaxmm.weights import DEFAULT
-from warp_scanner.buildings import ReadOptions
+from warp_scanner.buildings import ReadOptions, element_bounds
 from warp_scanner.room_buildings import building_of_room
 from warp_scanner.scenes import BOX, CYLINDER, FLOOR, PILLAR, WALL, Primitives
 from warp_scanner.sensors import OUSTER_64
@@ -58,6 +58,22 @@ def test_parts_of_curtain_walls_are_named_as_what_gets_no_verdict():
     table = building.elements._replace(ifc_class=("IfcPlate", "IfcWall", "IfcWall", "IfcColumn"))
     assert any(
         one.startswith("note: 1 element is") for one in prior_of_building(building._replace(elements=table)).notes
+    )
+
+
+def test_what_may_be_a_column_by_another_name_is_told_to_get_no_verdict():
+    building = building_of_room(walls_and_columns(), 0)[0]
+    table = building.elements._replace(ifc_class=("IfcWall", "IfcWall", "IfcWall", "IfcBuildingElementProxy"))
+    low, high = element_bounds(building.triangles)
+    tall = float(high[3, 2] - low[3, 2]) >= 2.0
+    notes = [one for one in prior_of_building(building._replace(elements=table)).notes if "verdict" in one]
+    assert tall and notes == [
+        "note: 1 element is of the class IfcBuildingElementProxy and 2 m high or higher: "
+        "rays meet it, but it gets no verdict"
+    ]
+    flat = building.triangles._replace(vertices=building.triangles.vertices * np.float32([1.0, 1.0, 0.3]))
+    assert not any(
+        "verdict" in one for one in prior_of_building(building._replace(elements=table, triangles=flat)).notes
     )
 
 
