@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from jaxmm.object_candidates import Candidate
+from jaxmm.object_shapes import line_through
 from jaxmm.object_solids import SolidSettings
 from jaxmm.object_walls import KnownBuilding, Solid
 
@@ -67,12 +68,18 @@ def _with_odds(share: np.ndarray, odds: np.ndarray) -> np.ndarray:
     return np.append(share[0], odds * ((1.0 - share[0]) / max(odds.sum(), np.finfo(float).tiny)))
 
 
-def by_length(share: np.ndarray, pillar: Solid | None, settings: SolidSettings) -> np.ndarray:
-    """The probabilities (3,) of nothing, a pillar and a wall, the second moved to the last where it would be too long.
+def by_length(share: np.ndarray, places: np.ndarray, settings: SolidSettings) -> np.ndarray:
+    """The probabilities (3,) of nothing, a pillar and a wall, the second moved to the last of what is too long for it.
 
     A wall that is curved, or goes around a corner, has more than one side, as pillars have.
+
+    Args:
+        share: (3,) as the judge has them.
+        places: (n, 2) [m] of its points in plan.
+        settings: how long a pillar may be, its diagonal included.
     """
-    if pillar is None or pillar.edges.max() <= settings.longest_column:
+    _, along = line_through(places)
+    if np.ptp(places @ along) <= settings.longest_column:
         return share
     return _with_odds(share, np.array([0.0, 1.0]))
 

@@ -162,9 +162,6 @@ def test_what_is_longer_than_any_column_is_a_wall():
     arc = [wall(2.0 + 2.0 * np.cos(one), -1.0 + 2.0 * np.sin(one), 0.4, 0.2, 90.0 + np.degrees(one)) for one in middle]
     assert told(judged(*arc), KnownBuilding(), says(0.02, 0.9, 0.08)).object_type == "wall"
     settings, share = ObjectSettings(), np.array([0.2, 0.6, 0.2])
-    seen = judged(pillar(3.0, 0.0, 1.1, 40.0))
-    sight, _, candidates, _ = examine(seen, settings)
-    column = solid_of(sight, candidates[0], False, settings, KnownBuilding())
-    assert by_length(share, None, settings) is share and by_length(share, column, settings) is share
-    long = column._replace(edges=np.array([2.1, 0.6]))
-    np.testing.assert_allclose(by_length(share, long, settings), [0.2, 0.0, 0.8])
+    corner = np.array([[0.0, 0.0], [0.0, 1.7], [1.7, 1.7]])
+    assert by_length(share, corner, settings) is share
+    np.testing.assert_allclose(by_length(share, 1.1 * corner, settings), [0.2, 0.0, 0.8])

@@ -121,6 +121,25 @@ def test_two_short_faces_say_how_their_rectangle_is_turned(noise):
     assert np.max(off) <= (0.11 if not noise else 12.0) and np.mean(off) < (0.06 if not noise else 2.5)
 
 
+@pytest.mark.parametrize("angle", np.linspace(-1.5, 1.5, 13))
+def test_flanges_and_a_web_between_them_are_turned_as_the_flanges(angle):
+    """Seen along its flanges: the whole of one, the edge of the other, and the web, which is inside of both."""
+    rng = np.random.default_rng(3)
+    flange, edge, web = run(0.3, 30), np.tile([0.0, 0.3], (4, 1)), run(0.28, 28)[:, ::-1] + [0.15, 0.01]
+    places = turned(np.concatenate([np.repeat(one, 6, axis=0) for one in (flange, edge, web)]), angle, (4.0, -7.0))
+    along = upright_along(places + 0.004 * rng.standard_normal(places.shape))
+    off = np.degrees(np.arctan2(along[1], along[0]) - angle) % 90.0
+    assert min(off, 90.0 - off) < 2.0
+
+
+def test_of_directions_that_fit_about_as_well_things_stand_along_the_usual_one():
+    places = np.concatenate([run(0.4, 40), run(0.4, 40)[:, ::-1]])
+    for off, follows in ((0.0, True), (1.0, True), (6.0, False), (30.0, False)):
+        along = upright_along(places, np.radians(off))
+        turn = np.degrees(np.arctan2(along[1], along[0])) % 90.0
+        assert turn == pytest.approx(off if follows else 0.0, abs=0.2) or (not follows and turn > 89.8)
+
+
 @pytest.mark.parametrize("corners", [3, 4, 6, 8, 9, 11, 13, 15, 16, 64])
 def test_a_polygon_of_eight_corners_or_more_is_round(corners):
     for angle in np.linspace(0.0, 1.0, 7):
