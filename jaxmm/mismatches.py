@@ -21,7 +21,7 @@ from jaxmm.object_finish import Rays
 from jaxmm.object_shapes import is_round
 from jaxmm.objects import Found, Judged, find_objects
 from jaxmm.places import Visits, fused
-from jaxmm.priors import Prior
+from jaxmm.priors import Prior, shaft_size
 from jaxmm.report import Mismatch
 from jaxmm.scan_rays import ScanRays
 from jaxmm.verdicts import REMOVED, Verdict
@@ -108,7 +108,10 @@ def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[M
         standing = max(verdict.rays[SUPPORT] / max(told, 1), *(one.standing for one in alone))
         found.append(
             _mismatch(prior, box, "removed", alone)._replace(
-                element=building.elements.guid[row], type_probability=1.0, standing=standing
+                element=building.elements.guid[row],
+                type_probability=1.0,
+                standing=standing,
+                shaft=shaft_size(change) if kind == "pillar" else None,
             )
         )
     return found

@@ -84,6 +84,11 @@ def linked(found: list[Mismatch]) -> list[Mismatch]:
 
 def _unlike(one: Mismatch, other: Mismatch) -> float:
     """How much the edges of two boxes differ [m]; infinite beyond what one object may."""
-    a, b = (np.append(np.sort(box.dimensions[:2]), box.dimensions[2]) for box in (one, other))
+    a, b = (np.append(np.sort(_section(box)), box.dimensions[2]) for box in (one, other))
     off = np.abs(a - b)
     return float(off.sum()) if np.all(off <= np.maximum(SAME_SIZE[0], SAME_SIZE[1] * np.maximum(a, b))) else math.inf
+
+
+def _section(one: Mismatch) -> np.ndarray:
+    """Edges (2,) [m] that it is known again by: what is new has no capital, of what is gone a box may hold one."""
+    return one.dimensions[:2] if one.shaft is None else one.shaft

@@ -47,6 +47,7 @@ class Mismatch(NamedTuple):
     type_probability: float | None = None  # that it is of its type, if it is real; None where nobody asked
     told_by: tuple[int, ...] = ()  # of each scan: rays that show that it is new, or gone; not in report.json
     standing: float = 0.0  # share of the rays that tell of a removed element, that end on it; not in report.json
+    shaft: np.ndarray | None = None  # (2,) [m] edges of a removed column halfway up; not in report.json
 
 
 class ElementVerdict(NamedTuple):
@@ -235,7 +236,7 @@ def _mismatch(one: Mismatch) -> dict[str, Any]:
     told = one._asdict() | {"probability": told_probability(one.probability)}
     if one.type_probability is not None:
         told["type_probability"] = told_probability(one.type_probability)
-    del told["told_by"], told["standing"]
+    del told["told_by"], told["standing"], told["shaft"]
     return _plain(told)
 
 

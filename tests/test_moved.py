@@ -7,8 +7,9 @@ from jaxmm.moved import is_off_its_place, linked, with_more
 from jaxmm.report import Mismatch
 
 
-def mismatch(change, edges=(0.5, 0.5), kind="pillar", shape="rectangular", height=3.0):
-    return Mismatch(kind, change, np.zeros(3), np.array([*edges, height]), 0.0, 0.9, shape=shape)
+def mismatch(change, edges=(0.5, 0.5), kind="pillar", shape="rectangular", height=3.0, shaft=None):
+    shaft = None if shaft is None else np.array(shaft)
+    return Mismatch(kind, change, np.zeros(3), np.array([*edges, height]), 0.0, 0.9, shape=shape, shaft=shaft)
 
 
 @pytest.mark.parametrize(
@@ -22,6 +23,8 @@ def mismatch(change, edges=(0.5, 0.5), kind="pillar", shape="rectangular", heigh
         pytest.param({}, {"height": 2.8}, True, id="up to another ceiling"),
         pytest.param({"edges": (4.0, 0.2)}, {"edges": (3.6, 0.2), "kind": "wall"}, False, id="of another kind"),
         pytest.param({"shape": "round"}, {}, False, id="of another shape"),
+        pytest.param({"edges": (1.1, 1.1), "shaft": (0.5, 0.5)}, {}, True, id="with a capital"),
+        pytest.param({"shaft": (0.3, 0.3)}, {}, False, id="with a shaft of another size"),
     ],
 )
 def test_what_moved(old, new, links):
