@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.object_pieces import Piece, is_hidden
+from jaxmm.object_joining import is_hidden
+from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Sight
 from jaxmm.object_walls import WallSettings, is_back, reach

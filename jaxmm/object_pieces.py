@@ -1,4 +1,4 @@
-"""Pieces of objects: clusters of probable points become upright faces and round shafts, pieces of one wall one piece.
+"""Pieces of objects: clusters of probable points become upright faces and round shafts.
 
 N points of one side of the scans. World frame: metres, z up. Plan: x and y.
 """
@@ -7,12 +7,11 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 from sklearn.cluster import DBSCAN
 
 from jaxmm.object_shafts import shaft_of
-from jaxmm.object_shapes import Circle, Face, circle_through, face_along, face_through, faces_of
-from jaxmm.object_sight import Crossings, Patch, Sight, crossings, upright_patch
+from jaxmm.object_shapes import Circle, Face, circle_through, face_through, faces_of
+from jaxmm.object_sight import Sight
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,37 +85,6 @@ def pieces_of(sight: Sight, chosen: np.ndarray, loose: np.ndarray, settings: Pie
     for index in sorted(range(len(pieces)), key=lambda index: -len(pieces[index].members)):
         pieces[index], loose = _grown(sight, pieces[index], loose, settings)
     return [_narrowed(sight, piece, settings) for piece in pieces]
-
-
-def upright(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[Piece]:
-    """The pieces that are no furniture: nobody looks past them above or below, or they are higher than furniture is.
-
-    What stands right beside a piece that does not, and is no higher, is another side of the same thing. What is below
-    an opening and what is above it, in one plane, are as high as both together.
-    """
-    pieces = [_trimmed(sight, piece, settings) for piece in pieces]
-    fits = [_may_be_upright(sight, piece, settings) for piece in pieces]
-    fits = [
-        fit or any(_is_around_opening(sight, piece, other, settings) for other in pieces)
-        for piece, fit in zip(pieces, fits, strict=True)
-    ]
-    low = [piece for piece, fit in zip(pieces, fits, strict=True) if not fit]
-    passed = [piece for piece, fit in zip(pieces, fits, strict=True) if fit]
-    return [piece for piece in passed if not any(_is_side_of(sight, piece, other, settings) for other in low)]
-
-
-def joined(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[Piece]:
-    """The pieces, those in one line made one where the gap between them is not seen to be free; most points first."""
-    pieces = sorted(pieces, key=lambda piece: -len(piece.members))
-    first = 0
-    while first < len(pieces):
-        for second in range(first + 1, len(pieces)):
-            if _is_one(sight, pieces[first], pieces[second], settings):
-                pieces[first] = _merged(sight, pieces[first], pieces.pop(second), settings)
-                break  # the grown face may now reach one that it did not
-        else:
-            first += 1
-    return pieces
 
 
 def _clusters(sight: Sight, chosen: np.ndarray, settings: PieceSettings) -> list[np.ndarray]:
@@ -202,67 +170,6 @@ def _round(places: np.ndarray, faces: list[Face], settings: PieceSettings) -> Ci
     return circle if np.sum(off**2) < 0.6 * np.sum(straight**2) and circle.on.mean() > 0.6 else None
 
 
-def _trimmed(sight: Sight, piece: Piece, settings: PieceSettings) -> Piece:
-    """A face without what is lower at either end of it and looked over: furniture in one line with it."""
-    if piece.face is None:
-        return piece
-    sight = sight.around(piece.members)
-    for way in (-1.0, 1.0):
-        place = (sight.points[piece.members, :2] - piece.face.center) @ piece.face.along * way
-        z = sight.points[piece.members, 2]
-        edge = float(place[z >= z.max() - settings.lower].max())  # beyond it all is lower
-        beyond = place > edge
-        if beyond.sum() < settings.neighbours or (~beyond).sum() < settings.least_points:
-            continue
-        start, end = (piece.face.center + way * one * piece.face.along for one in (edge, place.max()))
-        patch = Patch(start, end, float(z[beyond].max()) + settings.rim, sight.ceiling - settings.rim)
-        if crossings(sight, patch, settings.tolerance).free > settings.free:
-            members = piece.members[~beyond]
-            piece = piece._replace(members=members, face=face_through(sight.points[:, :2], members))
-    return piece
-
-
-def _may_be_upright(sight: Sight, piece: Piece, settings: PieceSettings) -> bool:
-    z = sight.points[piece.members, 2]
-    low, high = float(z.min()), float(z.max())
-    start, end, sight = *front_of(piece), sight.around(piece.members)
-
-    def free(bottom: float, top: float) -> bool:
-        patch = Patch(start, end, bottom + settings.rim, top - settings.rim)
-        return crossings(sight, patch, settings.tolerance).free > settings.free
-
-    below, above = (sight.floor, low), (high, sight.ceiling)
-    if high - low >= settings.furniture_height:  # a lorry is as high as a wall, but stands on wheels
-        return not all(top - bottom > settings.clearance and free(bottom, top) for bottom, top in (below, above))
-    if high - low < settings.least_height:
-        return False
-    gaps = (below, above) if high - sight.floor < settings.tallest else (below,)
-    return not any(top - bottom > settings.least_gap and free(bottom, top) for bottom, top in gaps)
-
-
-def _is_around_opening(sight: Sight, piece: Piece, other: Piece, settings: PieceSettings) -> bool:
-    """Whether two faces lie in one plane, one above the other, and are higher than furniture together."""
-    if piece is other or piece.face is None or other.face is None or not _is_in_line(piece, other, settings):
-        return False
-    (low, high), (bottom, top) = (
-        (sight.points[one.members, 2].min(), sight.points[one.members, 2].max()) for one in (piece, other)
-    )
-    if not (high < bottom or top < low) or max(high, top) - min(low, bottom) < settings.furniture_height:
-        return False
-    place = np.sort((other.face.ends - piece.face.center) @ piece.face.along)
-    half = piece.face.length / 2
-    return bool(min(place[1], half) - max(place[0], -half) > min(other.face.length, piece.face.length) / 2)
-
-
-def _is_side_of(sight: Sight, piece: Piece, other: Piece, settings: PieceSettings) -> bool:
-    if piece.cluster != other.cluster or len(other.members) < len(piece.members) / 4:
-        return False
-    points, others = sight.points[piece.members], sight.points[other.members]
-    if points[:, 2].max() > others[:, 2].max() + settings.step_up:
-        return False
-    return bool(cKDTree(others[:, :2]).query(points[:, :2])[0].min() <= settings.beside)
-
-
 def front_of(piece: Piece) -> tuple[np.ndarray, np.ndarray]:
     """Both ends (2,) of what one sees of a piece, drawn in a little: rays past its edges tell nothing."""
     if piece.face is not None:
@@ -271,56 +178,3 @@ def front_of(piece: Piece) -> tuple[np.ndarray, np.ndarray]:
     away = piece.circle.center - piece.origin[:2]
     side = np.array([-away[1], away[0]]) / max(float(np.linalg.norm(away)), 1e-6) * piece.circle.radius * 0.7
     return piece.circle.center - side, piece.circle.center + side
-
-
-def _is_one(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> bool:
-    """Whether two pieces are of one wall; a face and the one at its back are not one face."""
-    if a.face is None or b.face is None or not _is_in_line(a, b, settings):
-        return False
-    ends = b.face.ends - a.face.center
-    (low, high), half = np.sort(ends @ a.face.along), a.face.length / 2
-    between = (half, low) if low > half else (high, -half)
-    gap = between[1] - between[0]
-    if gap <= settings.link or gap > settings.hidden_gap:
-        return bool(gap <= settings.link)
-    start, end = (a.face.center + a.face.along * place for place in between)
-    sight = sight.around(a.members)
-    if gap <= settings.run_gap:
-        return bool(between_of(sight, start, end, settings).free <= settings.free)
-    return is_hidden(sight, start, end, settings)
-
-
-def _is_in_line(a: Piece, b: Piece, settings: PieceSettings) -> bool:
-    """Whether one face lies in the plane of the other, turned to the same side."""
-    across = np.abs((b.face.ends - a.face.center) @ a.face.across).max()
-    turned = a.toward @ b.toward < np.cos(np.radians(settings.turn))
-    return bool(not turned and across <= settings.in_line + 0.02 * b.face.length)
-
-
-def is_hidden(sight: Sight, start: np.ndarray, end: np.ndarray, settings: PieceSettings) -> bool:
-    """Whether something hides the gap between two places (2,) [m], and nobody looks through it."""
-    crossed = between_of(sight, start, end, settings)
-    return crossed.before > 0 and crossed.free < 0.1
-
-
-def between_of(sight: Sight, start: np.ndarray, end: np.ndarray, settings: PieceSettings) -> Crossings:
-    """What rays do that head for the gap between two places (2,) [m], from floor to ceiling."""
-    inset = 0.1 * (end - start)
-    patch = upright_patch(sight, start + inset, end - inset, settings.rim)
-    return crossings(sight, patch, settings.tolerance)
-
-
-def _merged(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> Piece:
-    """Two pieces of one wall as one. Where one is set back, as a window's pane is, the wall's face is the other."""
-    places, members = sight.points[:, :2], np.sort(np.concatenate([a.members, b.members]))
-    front, back = (a, b) if (b.face.center - a.face.center) @ a.toward < 0.0 else (b, a)
-    if np.abs((b.face.ends - a.face.center) @ a.face.across).max() <= settings.tolerance:
-        off = np.abs((places[members] - a.face.center) @ a.face.across)
-        line = face_through(places, members[off <= 2.0 * settings.tolerance])  # what is set back is farther off
-    else:
-        # A radiator or a board before a wall ends lower than that.
-        top, others = (sight.points[one.members, 2].max() for one in (front, back))
-        own = back if top < others - settings.lower else front
-        longer = max(a.face, b.face, key=lambda face: face.length)
-        line = own.face._replace(along=longer.along)
-    return a._replace(members=members, face=face_along(places, members, line))

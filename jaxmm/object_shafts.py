@@ -55,10 +55,11 @@ def shaft_of(sight: Sight, members: np.ndarray, tolerance: float, along: np.ndar
     told = np.isfinite(slices.left)
     if not wider.any() or (told & ~wider).sum() < max(LEAST_SLICES, wider.sum()):
         return members
-    bottom, top = (low + SLICE * one for one in _longest_run(~wider))
-    for edge, out in ((left, np.nanmin(slices.left)), (right, np.nanmax(slices.right))):
-        start, end = (middle + along * one for one in (edge + np.sign(out - edge) * 2.0 * tolerance, out))
-        patch = Patch(start, end, bottom + tolerance, top - tolerance)
+    run = _longest_run(~wider)
+    heights = tuple(low + SLICE * one + way * tolerance for one, way in zip(run, (1.0, -1.0), strict=True))
+    for edge, end in ((left, np.nanmin(slices.left)), (right, np.nanmax(slices.right))):
+        start = edge + np.sign(end - edge) * 2.0 * tolerance
+        patch = Patch(middle + along * start, middle + along * end, *heights)
         if crossings(sight, patch, tolerance).free <= FREE:
             return members
     of_told = np.flatnonzero(told)  # a height where few points tell is as the nearest where more do

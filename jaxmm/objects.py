@@ -21,12 +21,14 @@ from jaxmm.object_clues import CLUES, ONTO, Opinions, Surroundings, clues_of
 from jaxmm.object_ends import Look, as_all_rays_show
 from jaxmm.object_familiar import by_length, by_size, by_width
 from jaxmm.object_finish import Rays
+from jaxmm.object_joining import joined
 from jaxmm.object_judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.object_levels import levels_of
-from jaxmm.object_pieces import joined, pieces_of, upright
+from jaxmm.object_pieces import pieces_of
 from jaxmm.object_shapes import turn_of
 from jaxmm.object_sight import Sight, sensors_of
 from jaxmm.object_solids import SolidSettings, solid_of, without_splinters
+from jaxmm.object_upright import upright
 from jaxmm.object_view import view_of
 from jaxmm.object_walls import KnownBuilding, Solid
 
