@@ -77,13 +77,17 @@ def ceilings_over(scene: TriangleScene, points: np.ndarray, frame: Frame) -> np.
 def floors_under(scene: TriangleScene, points: np.ndarray, ceiling: np.ndarray, frame: Frame) -> np.ndarray:
     """Heights (N,) [m] of the floor under each point (N, 3): on a landing, a gallery, or down some steps.
 
-    That of the frame where the building has none there. A point that is lower than that has the frame's, too, where
-    it is above the point, or right beside: slabs end at the faces of walls. `ceiling` (N,) is above the points.
+    That of the frame where the building has none there, or where it is right beside: slabs end at the faces of walls.
+    A point that is lower than that one has it, too, where it is above the point. `ceiling` (N,) is above the points.
     """
     start = np.array(points, np.float64)
     start[:, 2] = np.minimum(np.maximum(start[:, 2], frame.floor) + OFF, ceiling - OFF)
     found = start[:, 2] - _free(scene, start, -UP, LEVEL)
-    lower = np.flatnonzero(found < frame.floor - SAME_LEVEL)
+    height = np.asarray(points, np.float64)[:, 2]
+    beneath = np.flatnonzero((found > height + SAME_LEVEL) & (height > frame.floor))  # that slab is above the point
+    start[beneath, 2] = height[beneath]
+    found[beneath] = height[beneath] - _free(scene, start[beneath], -UP, LEVEL)
+    lower = np.flatnonzero((found < frame.floor - SAME_LEVEL) & (height > frame.floor - SAME_LEVEL))
     for way in ASIDE:
         beside = start[lower, 2] - _free(scene, start[lower] + EDGE * way, -UP, LEVEL)
         found[lower[np.abs(beside - frame.floor) <= SAME_LEVEL]] = frame.floor

@@ -14,7 +14,7 @@ from jaxmm.objects import ObjectSettings
 from jaxmm.report import Mismatch, box_of
 
 OFF_PLACE, MOST_TURNED = 1.2, 0.1  # [m] and sine of a wall's angle, by which things may be built off their place
-STRAIGHT = 1.0  # [m] least edge of a wall's box, beyond which it is bent
+STRAIGHT, BENT = 1.0, 5.0  # [m] least edge of a wall's box, between which it is bent; beyond, it goes around rooms
 FURNITURE = ObjectSettings().furniture_height  # [m]
 SAME_SIZE = (0.1, 0.15)  # [m], share: sides of an object that moved differ by no more than the greater of both
 AS_FAR = 20.0  # metres that an object moved count as much as one by which its sides differ: rows of columns are alike
@@ -52,8 +52,9 @@ def is_off_its_place(new: Mismatch, gone: Mismatch) -> bool:
     across = np.array([-along[1], along[0]])
     length, depth = np.sort(gone.dimensions[:2])[::-1]
     ahead, beside = abs(float(offset @ along)), abs(float(offset @ across))
-    if depth > STRAIGHT:  # it is bent, and its parts stand in any direction
-        return bool(ahead <= length / 2 + OFF_PLACE and beside <= depth / 2 + OFF_PLACE)
+    if STRAIGHT < depth <= BENT:  # its parts stand in any direction
+        near = ahead <= length / 2 + OFF_PLACE and beside <= depth / 2 + OFF_PLACE
+        return bool(near and max(new.dimensions[:2]) <= length)
     overlap = (max(new.dimensions[:2]) + length) / 2 - ahead
     turned = abs(float(long_axis(new.dimensions, new.rotation) @ across))
     return bool(turned <= MOST_TURNED and beside <= OFF_PLACE and overlap >= max(new.dimensions[:2]) / 2)

@@ -68,7 +68,7 @@ def _with_odds(share: np.ndarray, odds: np.ndarray) -> np.ndarray:
     return np.append(share[0], odds * ((1.0 - share[0]) / max(odds.sum(), np.finfo(float).tiny)))
 
 
-def by_length(share: np.ndarray, places: np.ndarray, settings: SolidSettings) -> np.ndarray:
+def by_length(share: np.ndarray, places: np.ndarray, known: KnownBuilding, settings: SolidSettings) -> np.ndarray:
     """The probabilities (3,) of nothing, a pillar and a wall, the second moved to the last of what is too long for it.
 
     A wall that is curved, or goes around a corner, has more than one side, as pillars have.
@@ -76,10 +76,12 @@ def by_length(share: np.ndarray, places: np.ndarray, settings: SolidSettings) ->
     Args:
         share: (3,) as the judge has them.
         places: (n, 2) [m] of its points in plan.
+        known: its own columns, which may be longer.
         settings: how long a pillar may be, its diagonal included.
     """
     _, along = line_through(places)
-    if np.ptp(places @ along) <= settings.longest_column:
+    longest = max((float(np.hypot(a, b)) + settings.fits for a, b, _ in known.columns), default=0.0)
+    if np.ptp(places @ along) <= max(longest, settings.longest_column):
         return share
     return _with_odds(share, np.array([0.0, 1.0]))
 

@@ -9,19 +9,24 @@ from jaxmm.object_pieces import Piece, PieceSettings
 from jaxmm.object_shapes import face_along, face_through
 from jaxmm.object_sight import Crossings, Sight, crossings, upright_patch
 
+REACHES, SHOWS = 0.7, 0.2  # shares of a wall's length and of its points, that are of its face
+HIGHEST = 0.98  # quantile of heights that stands for the top, as errors move the last
+
 
 def joined(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[Piece]:
     """The pieces, those in one line made one where the gap between them is not seen to be free; most points first."""
     pieces = sorted(pieces, key=lambda piece: -len(piece.members))
+    parts = [[piece] for piece in pieces]
     first = 0
     while first < len(pieces):
         for second in range(first + 1, len(pieces)):
             if _is_one(sight, pieces[first], pieces[second], settings):
-                pieces[first] = _merged(sight, pieces[first], pieces.pop(second), settings)
+                pieces[first] = _merged(sight, pieces[first], pieces.pop(second))
+                parts[first] += parts.pop(second)
                 break  # the grown face may now reach one that it did not
         else:
             first += 1
-    return pieces
+    return [_fronted(sight, piece, own, settings) for piece, own in zip(pieces, parts, strict=True)]
 
 
 def _is_one(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> bool:
@@ -61,17 +66,33 @@ def between_of(sight: Sight, start: np.ndarray, end: np.ndarray, settings: Piece
     return crossings(sight, patch, settings.tolerance)
 
 
-def _merged(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> Piece:
-    """Two pieces of one wall as one. Where one is set back, as a window's pane is, the wall's face is the other."""
-    places, members = sight.points[:, :2], np.sort(np.concatenate([a.members, b.members]))
-    front, back = (a, b) if (b.face.center - a.face.center) @ a.toward < 0.0 else (b, a)
-    if np.abs((b.face.ends - a.face.center) @ a.face.across).max() <= settings.tolerance:
-        off = np.abs((places[members] - a.face.center) @ a.face.across)
-        line = face_through(places, members[off <= 2.0 * settings.tolerance])  # what is set back is farther off
-    else:
-        # A radiator or a board before a wall ends lower than that.
-        top, others = (sight.points[one.members, 2].max() for one in (front, back))
-        own = back if top < others - settings.lower else front
-        longer = max(a.face, b.face, key=lambda face: face.length)
-        line = own.face._replace(along=longer.along)
-    return a._replace(members=members, face=face_along(places, members, line))
+def _merged(sight: Sight, a: Piece, b: Piece) -> Piece:
+    members = np.sort(np.concatenate([a.members, b.members]))
+    return a._replace(members=members, face=face_through(sight.points[:, :2], members))
+
+
+def _fronted(sight: Sight, piece: Piece, parts: list[Piece], settings: PieceSettings) -> Piece:
+    """A piece of several parts, on the line of those in front where others are set back, as a window's panes are.
+
+    The wall reaches along most of it, and shows much of it: a pilaster does not. A board or a radiator before the wall
+    ends lower. Where that tells nothing, the line is one through all of it.
+    """
+    if len(parts) == 1:
+        return piece
+    longest = max(parts, key=lambda part: part.face.length).face
+    depth = np.array([(part.face.center - longest.center) @ piece.toward for part in parts])
+    if np.ptp(depth) <= 2.0 * settings.tolerance:
+        return piece
+    ahead = depth >= depth.max() - settings.tolerance
+    places, z = sight.points[:, :2], sight.points[:, 2]
+    sides = [
+        np.sort(np.concatenate([part.members for part, one in zip(parts, side, strict=True) if one]))
+        for side in (ahead, ~ahead)
+    ]
+    highest = max(float(np.quantile(z[side], HIGHEST)) for side in sides)
+    for side in sides:
+        face = face_through(places, side)
+        reaches = face.length >= REACHES * piece.face.length and len(side) >= SHOWS * len(piece.members)
+        if reaches and np.quantile(z[side], HIGHEST) >= highest - settings.lower:
+            return piece._replace(face=face_along(places, piece.members, face))
+    return piece

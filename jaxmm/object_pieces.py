@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.cluster import DBSCAN
 
-from jaxmm.object_shafts import shaft_of
+from jaxmm.object_shafts import face_of_shaft, shaft_of
 from jaxmm.object_shapes import Circle, Face, circle_through, face_through, faces_of
 from jaxmm.object_sight import Sight
 
@@ -22,7 +22,7 @@ class PieceSettings:
     neighbours: int = 4  # that a point within a cluster has, itself included
     least_points: int = 10  # of a piece
     least_height: float = 0.25  # from the lowest to the highest point of a piece
-    furniture_height: float = 2.25  # what is seen no higher above the floor may be furniture; nothing higher is
+    furniture_height: float = 2.25  # what is seen no higher above the floor may be furniture; what is higher is none
     tallest: float = 2.5  # furniture that one looks over; what ends higher, as under the open sky, may be a wall
     tolerance: float = 0.05  # of a point from the face or the circle that it lies on
     run_gap: float = 0.5  # most between neighbours of one face
@@ -62,7 +62,7 @@ class Piece(NamedTuple):
 
 
 def pieces_of(sight: Sight, chosen: np.ndarray, loose: np.ndarray, settings: PieceSettings) -> list[Piece]:
-    """Faces and round shafts among the chosen points, cluster by cluster.
+    """Faces and round shafts among the chosen points, cluster by cluster; capitals and bases of columns are of none.
 
     Args:
         sight: of all points.
@@ -141,7 +141,7 @@ def _narrowed(sight: Sight, piece: Piece, settings: PieceSettings) -> Piece:
     """A face of a column without what a capital, or corbels, have in its plane."""
     if piece.face is None:
         return piece
-    members = shaft_of(sight, piece.members, settings.tolerance, piece.face.along)
+    members = face_of_shaft(sight, piece.members, piece.face.along, settings.tolerance)
     if len(members) == len(piece.members):
         return piece
     return piece._replace(members=members, face=face_through(sight.points[:, :2], members))

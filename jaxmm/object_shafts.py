@@ -16,6 +16,8 @@ WIDEST = 2.5  # capital; what is wider is no column's
 MOST_SHAFT = 1.2  # width, as one sees it
 LEAST_SLICES = 4  # that are the shaft's
 FREE = 0.5  # share of the rays beside a shaft that pass
+OUT = 0.45  # that corbels in the plane of a face stick out, at most
+NEAREST, EDGE = 0.1, 0.02  # quantiles of places, as errors move the first and the last
 
 
 class Slices(NamedTuple):
@@ -25,48 +27,76 @@ class Slices(NamedTuple):
     right: np.ndarray
 
 
-def shaft_of(sight: Sight, members: np.ndarray, tolerance: float, along: np.ndarray | None = None) -> np.ndarray:
-    """Those of some points (n,) int that are a column's shaft; all of them where it is nowhere wider.
+def shaft_of(sight: Sight, members: np.ndarray, tolerance: float) -> np.ndarray:
+    """Those of the points (n,) int of one thing that are a column's shaft; all of them where it is nowhere wider.
 
-    What is wider on both sides at some heights is no shaft, if one looks past the shaft beside it: else something may
-    just hide how wide the thing is there.
+    A capital or a base is wider on both sides, as one sees it. What juts out toward the sensor hides the shaft there.
 
     Args:
         sight: of all points.
-        members: of one thing, or of one face of it.
+        members: of the thing.
         tolerance: [m] of points from a surface.
-        along: (2,) unit vector of the face; None: what is wide is as one sees it.
     """
     points = sight.points[members]
     middle = points[:, :2].mean(axis=0)
-    in_plane = along is not None
-    if not in_plane:
-        ahead = middle - np.median(sight.origin[members, :2], axis=0)
-        along = np.array([-ahead[1], ahead[0]]) / max(float(np.linalg.norm(ahead)), 1e-6)
-    place, low = (points[:, :2] - middle) @ along, float(points[:, 2].min())
-    if np.ptp(place) > WIDEST:
+    ahead = middle - np.median(sight.origin[members, :2], axis=0)
+    ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-6)
+    along = np.array([-ahead[1], ahead[0]])
+    wider = _is_wider(sight, members, along, tolerance)
+    if not wider.any():
         return members
+    reach = (points[:, :2] - middle) @ ahead
+    juts_out = np.quantile(reach[wider], NEAREST) < np.quantile(reach[~wider], NEAREST) - tolerance
+    return members[~wider] if juts_out else members[~_sticks_out(points[:, :2] @ along, wider, tolerance)]
+
+
+def face_of_shaft(sight: Sight, members: np.ndarray, along: np.ndarray, tolerance: float) -> np.ndarray:
+    """Those of the points (n,) int of one face, along (2,), that are a column's, and not of corbels in its plane."""
+    wider = _is_wider(sight, members, along, tolerance)
+    if not wider.any():
+        return members
+    return members[~_sticks_out(sight.points[members, :2] @ along, wider, tolerance)]
+
+
+def _sticks_out(place: np.ndarray, wider: np.ndarray, tolerance: float) -> np.ndarray:
+    """(n,) bool: of places along a thing (n,) those beside its shaft, where it is wider.
+
+    None where they go on for more than OUT: a door beside a pier is wider than that, and what is above it is wall.
+    """
+    low, high = np.quantile(place[~wider], (EDGE, 1.0 - EDGE))
+    if place.min() < low - OUT or place.max() > high + OUT:
+        return np.zeros(len(place), bool)
+    return wider & ((place < low - tolerance) | (place > high + tolerance))
+
+
+def _is_wider(sight: Sight, members: np.ndarray, along: np.ndarray, tolerance: float) -> np.ndarray:
+    """(n,) bool: points at heights at which a thing is wider on both sides, along (2,), than a column's shaft.
+
+    None where one does not look past the shaft beside it: something may just hide how wide the thing is there.
+    """
+    points, none = sight.points[members], np.zeros(len(members), bool)
+    middle, low = points[:, :2].mean(axis=0), float(points[:, 2].min())
+    place = (points[:, :2] - middle) @ along
+    if np.ptp(place) > WIDEST:
+        return none
     level = np.floor((points[:, 2] - low) / SLICE).astype(int)
     slices = _slices(place, level)
-    left, right = (float(np.nanmedian(side)) if np.isfinite(side).any() else np.nan for side in slices)
-    if not right - left <= MOST_SHAFT:
-        return members
-    wider = (slices.left < left - WIDER) & (slices.right > right + WIDER)
     told = np.isfinite(slices.left)
+    left, right = (float(np.median(side[told])) if told.any() else np.nan for side in slices)
+    if not right - left <= MOST_SHAFT:
+        return none
+    wider = (slices.left < left - WIDER) & (slices.right > right + WIDER)
     if not wider.any() or (told & ~wider).sum() < max(LEAST_SLICES, wider.sum()):
-        return members
+        return none
     run = _longest_run(~wider)
     heights = tuple(low + SLICE * one + way * tolerance for one, way in zip(run, (1.0, -1.0), strict=True))
     for edge, end in ((left, np.nanmin(slices.left)), (right, np.nanmax(slices.right))):
         start = edge + np.sign(end - edge) * 2.0 * tolerance
         patch = Patch(middle + along * start, middle + along * end, *heights)
         if crossings(sight, patch, tolerance).free <= FREE:
-            return members
+            return none
     of_told = np.flatnonzero(told)  # a height where few points tell is as the nearest where more do
-    out = wider[of_told[np.abs(level[:, None] - of_told).argmin(axis=1)]]
-    if in_plane:  # as one sees it, a capital is before the shaft, too
-        out &= (place < left - tolerance) | (place > right + tolerance)
-    return members[~out]
+    return wider[of_told[np.abs(level[:, None] - of_told).argmin(axis=1)]]
 
 
 def _slices(place: np.ndarray, level: np.ndarray) -> Slices:

@@ -10,7 +10,6 @@ from scipy.spatial import ConvexHull
 
 ANGLES = 90  # directions that a face is sought in, over half a turn
 INSIDE = 0.05  # [m] from the sides of a rectangle, beyond which nothing lies on them
-AS_WELL = 0.004  # [m] by which points may lie farther off a rectangle of the usual direction
 REFINEMENTS = 5  # fits of a line to what lies on the line before
 ROUND_CORNERS = 8  # of a polygon that stands for a circle, at least
 ROUND_SPREAD = 0.02  # of its radius, by which they may differ from it, rounding included
@@ -161,30 +160,21 @@ def is_round(vertices: np.ndarray) -> bool:
     return bool(np.ptp(reach) <= ROUND_SPREAD * reach.max())
 
 
-def upright_along(places: np.ndarray, usual: float | None = None) -> np.ndarray:
+def upright_along(places: np.ndarray) -> np.ndarray:
     """Unit vector (2,) along one side of the rectangle whose outline points (n, 2) lie on best.
 
     Of all directions the one with the least squared distances to the nearest side of the rectangle around the points
     (X. Zhang et al., "Efficient L-shape fitting for vehicle detection using laser scanners", IEEE IV 2017). Where two
-    faces are short, a line across their corner can hold more points than either; the ends of three that stand in a
-    right triangle lie on two rectangles.
-
-    Args:
-        places: [m].
-        usual: [rad] the direction that things stand along or across, taken where it fits about as well; None: any.
+    faces are short, a line across their corner can hold more points than either.
     """
     step = np.pi / 2 / ANGLES
-    turns = [step * np.arange(ANGLES)]
-    turns.append(turns[0][_off_outline(places, turns[0]).argmin()] + step * np.linspace(-1.0, 1.0, 21))
-    fine = float(turns[1][_off_outline(places, turns[1]).argmin()])
-    if usual is not None:
-        best, own = _off_outline(places, np.array([fine, usual]))
-        fine = usual if own <= best + AS_WELL else fine
+    rough = _least_off(places, step * np.arange(ANGLES))
+    fine = _least_off(places, rough + step * np.linspace(-1.0, 1.0, 21))
     return np.array([np.cos(fine), np.sin(fine)])
 
 
-def _off_outline(places: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(A,) [m] how far points (n, 2) are off the sides of the rectangle around them, along angles (A,) [rad].
+def _least_off(places: np.ndarray, angle: np.ndarray) -> float:
+    """Of angles (A,) [rad] that of the rectangle to whose sides points (n, 2) lie nearest.
 
     What is farther from them than INSIDE is no part of the outline, and counts as that far: a web, say.
     """
@@ -193,7 +183,8 @@ def _off_outline(places: np.ndarray, angle: np.ndarray) -> np.ndarray:
     for axis in (along, np.stack([-along[1], along[0]])):
         place = places @ axis  # (n, A)
         sides.append(np.minimum(place - place.min(axis=0), place.max(axis=0) - place))
-    return np.sqrt((np.minimum(np.minimum(*sides), INSIDE) ** 2).mean(axis=0))
+    off = np.minimum(np.minimum(*sides), INSIDE)
+    return float(angle[(off**2).sum(axis=0).argmin()])
 
 
 def _best_line(places: np.ndarray, tolerance: float) -> np.ndarray:

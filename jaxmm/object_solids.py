@@ -7,7 +7,6 @@ import dataclasses
 
 import numpy as np
 
-from jaxmm.building_grid import grid_near
 from jaxmm.object_candidates import LEAST_SIDE, Candidate, CandidateSettings
 from jaxmm.object_pieces import Piece
 from jaxmm.object_shapes import face_through, inside_hull, outside, rectangle_along, upright_along
@@ -27,7 +26,7 @@ class SolidSettings(CandidateSettings):
     many_walls: int = 16  # from so many on, a building seems to have no other columns than it has
     widest_column: float = 0.95  # of a lone face, in such a building, if its own are at most half as wide
     seldom_wider: float = 100.0  # how many times seldomer it gets wider ones than the rooms that the judge learnt from
-    longest_column: float = 2.5  # what is longer in any direction is a wall
+    longest_column: float = 2.5  # what is longer, its diagonal included, is a wall, but for columns of the building
     least_width: float = 0.15  # of a lone face that goes on unseen; less tells nothing of its shape
 
 
@@ -118,8 +117,7 @@ def _shaft(piece: Piece, settings: SolidSettings, known: KnownBuilding) -> Solid
 def _front(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownBuilding) -> Solid:
     """A pillar of which one face is seen."""
     first, members = candidate.first, candidate.members
-    usual = _usual_turn(sight, candidate, known)
-    if (angled := _angled(sight.points[members, :2], candidate, settings, known, usual)) is not None:
+    if (angled := _angled(sight.points[members, :2], candidate, settings, known)) is not None:
         return angled
     length = first.face.length
     edges = np.array([length, _depth(length, settings, known)])
@@ -128,13 +126,7 @@ def _front(sight: Sight, candidate: Candidate, settings: SolidSettings, known: K
     return Solid("pillar", "rectangular", center, edges, first.face.along, members, measured)
 
 
-def _angled(
-    places: np.ndarray,
-    candidate: Candidate,
-    settings: SolidSettings,
-    known: KnownBuilding,
-    usual: float | None = None,
-) -> Solid | None:
+def _angled(places: np.ndarray, candidate: Candidate, settings: SolidSettings, known: KnownBuilding) -> Solid | None:
     """A pillar of which more than one side passed for one face: the rectangle that its members (n, 2) [m] outline.
 
     They are two short ones; or flanges with a web between them, which lies inside and tells nothing of the rectangle.
@@ -145,7 +137,7 @@ def _angled(
         return None
     outermost = inside_hull(places) <= settings.tolerance / 2
     outline = places[outermost] if outermost.mean() >= OUTLINED else places
-    along = upright_along(outline, usual)
+    along = upright_along(outline)
     center, edges = rectangle_along(outline, along)
     outlined, all_of_it = (
         float(np.sqrt(np.mean(outside(some, center, edges, along) ** 2))) for some in (outline, places)
@@ -161,7 +153,7 @@ def _corner(sight: Sight, candidate: Candidate, settings: SolidSettings, known: 
     """A pillar from two faces that meet."""
     first, members = candidate.first, candidate.members
     thin, side = sorted((first, candidate.crossing), key=lambda piece: piece.face.length)
-    along = upright_along(sight.points[members, :2], _usual_turn(sight, candidate, known))
+    along = upright_along(sight.points[members, :2])
     center, edges = rectangle_along(sight.points[members, :2], along)
     faces = sorted((thin, side), key=lambda piece: -abs(piece.face.along @ along))  # one gives each edge
     measured = tuple(ends_in_view(sight, piece, settings) for piece in faces)
@@ -173,13 +165,6 @@ def _corner(sight: Sight, candidate: Candidate, settings: SolidSettings, known: 
         center = center + (np.sign(axes @ (center - first.origin[:2])) * grown / 2) @ axes
         edges = edges + grown
     return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), along, members, measured)
-
-
-def _usual_turn(sight: Sight, candidate: Candidate, known: KnownBuilding) -> float | None:
-    """The direction [rad] that most of the building stands along or across where a candidate is; None: nobody knows."""
-    if known.uprights is None:
-        return None
-    return grid_near(known.uprights, candidate.first.face.center, sight.floor, sight.ceiling)
 
 
 def _depth(width: float, settings: SolidSettings, known: KnownBuilding) -> float:

@@ -13,7 +13,7 @@ from jaxmm.object_sight import Patch, Sight, crossings
 
 
 def upright(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[Piece]:
-    """The pieces that are no furniture: nobody looks past them above or below, or they are higher than furniture is.
+    """The pieces that are no furniture: nobody looks past them above or below, or both where they are higher than that.
 
     What stands right beside a piece that does not, and is no higher, is another side of the same thing. What is below
     an opening and what is above it, in one plane, are as high as both together.

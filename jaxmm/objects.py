@@ -150,7 +150,7 @@ def _solids(
     def made(is_wall: bool) -> Solid | None:
         return solid_of(seen, one, is_wall, settings, known, thinned)
 
-    share = by_length(by_width(share, one, known, settings), sight.points[one.members, :2], settings)
+    share = by_length(by_width(share, one, known, settings), sight.points[one.members, :2], known, settings)
     if known.columns or known.short_walls:
         share = by_size(share, one, made(False), known, settings, lambda: _off_grid(seen, made(True), known))
     nothing, pillar, wall = share

@@ -32,6 +32,7 @@ VOXEL = 0.1  # [m] to which a cloud is thinned
 BESIDE = 0.02  # [m] beside a wall, to look from
 SHORT, SLENDER = 1.6, 2.0  # [m], times its thickness: a wall no longer, and no shorter, may pass for a pillar
 FACADE, PROXY = ("IfcCurtainWall", "IfcPlate", "IfcMember"), "IfcBuildingElementProxy"
+LEAST_SHAFT = 0.05  # [m] of a column; less is a bolt between two parts of it
 UPRIGHT = 2.0  # [m] height from which a proxy may be a wall or a column
 MOST_BEHIND = 0.1  # share of its points behind others, beyond which a scan was not taken from where its file says
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
@@ -221,7 +222,8 @@ def shaft_size(column: Change) -> np.ndarray:
         return column.size[:2]
     cut = start + (end - start) * (start[:, 2] / (start[:, 2] - end[:, 2]))[:, None]
     yaw = np.radians(column.yaw)
-    return rectangle_along(cut[:, :2], np.array([np.cos(yaw), np.sin(yaw)]))[1]
+    _, size = rectangle_along(cut[:, :2], np.array([np.cos(yaw), np.sin(yaw)]))
+    return size if size.min() >= LEAST_SHAFT else column.size[:2]
 
 
 def _own(walls: list[Change], columns: list[Change], rounded: list[bool], shafts: list[np.ndarray]) -> OwnElements:

@@ -54,6 +54,7 @@ def seen_from(place, things=()):
         pytest.param((4, 4, 3.0), 2.5, id="on a gallery, higher than the sensor"),
         pytest.param((4, 4, 2.0), 0.0, id="under it"),
         pytest.param((-4, 3, 1.7), 0.9, id="on a table there"),
+        pytest.param((-2, 2, 0.62), -3.0, id="right under its slab"),
         pytest.param((5.99, 2, 1.0), 0.0, id="beside a wall"),
         pytest.param((6.01, 2, 1.0), 0.0, id="in a wall, under which the slab ends"),
         pytest.param((7.5, 2, 1.0), -3.0, id="outside, above the storey below"),

@@ -93,6 +93,8 @@ def test_parts_of_a_bent_wall_stand_in_any_direction():
     gone = mismatch("removed", (6.0, 2.6), kind="wall")
     part = mismatch("added", (2.5, 0.4), kind="wall")._replace(center=np.array([1.0, 2.0, 0.0]), rotation=50.0)
     assert is_off_its_place(part, gone)
-    assert not is_off_its_place(part, gone._replace(dimensions=np.array([6.0, 0.3, 3.0])))
+    for size in ([6.0, 0.3, 3.0], [15.0, 12.0, 3.0]):
+        assert not is_off_its_place(part, gone._replace(dimensions=np.array(size)))
+    assert not is_off_its_place(part._replace(dimensions=np.array([6.5, 0.4, 3.0])), gone)
     for center in ([1.0, 2.6, 0.0], [4.3, 0.0, 0.0], [1.0, 2.0, 3.2]):
         assert not is_off_its_place(part._replace(center=np.array(center)), gone)

@@ -163,5 +163,7 @@ def test_what_is_longer_than_any_column_is_a_wall():
     assert told(judged(*arc), KnownBuilding(), says(0.02, 0.9, 0.08)).object_type == "wall"
     settings, share = ObjectSettings(), np.array([0.2, 0.6, 0.2])
     corner = np.array([[0.0, 0.0], [0.0, 1.7], [1.7, 1.7]])
-    assert by_length(share, corner, settings) is share
-    np.testing.assert_allclose(by_length(share, 1.1 * corner, settings), [0.2, 0.0, 0.8])
+    assert by_length(share, corner, KnownBuilding(), settings) is share
+    np.testing.assert_allclose(by_length(share, 1.1 * corner, KnownBuilding(), settings), [0.2, 0.0, 0.8])
+    pier = KnownBuilding(columns=((0.4, 3.0, False),))
+    assert by_length(share, 1.1 * corner, pier, settings) is share
