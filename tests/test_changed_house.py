@@ -223,3 +223,27 @@ def test_in_the_open_things_end_where_nothing_comes_back_above_them(judges, heig
         assert new.object_type == "pillar" and np.abs(new.center[:2] - [0.8, 0.9]).max() < 0.1
         assert new.dimensions[2] == pytest.approx(height, abs=0.15)
         assert new.measured[2] == (not more)  # nobody saw its foot behind a table
+
+
+def with_capital(y):
+    """The room with a column, whose head is part of it, at (1, y)."""
+    room = walls_of_room(4.0, ((1, y, 1.3), (0.2, 0.2, 1.3), PILLAR), ((1, y, 2.4), (0.5, 0.5, 0.2), PILLAR))
+    column = len(room.elements.guid) - 2
+    triangles = room.triangles._replace(
+        element=np.minimum(room.triangles.element, column), semantic=room.triangles.semantic[: column + 1]
+    )
+    elements = room.elements._replace(**{name: one[: column + 1] for name, one in room.elements._asdict().items()})
+    return room._replace(triangles=triangles, elements=elements)
+
+
+def test_a_column_with_a_capital_that_moved_is_known_again_by_its_shaft(judges):
+    prior, position = prior_of_building(with_capital(-0.7)), np.array([-2.5, 0.0, 1.3])
+    (section,) = prior.known.columns
+    assert section == pytest.approx((0.4, 0.4, False)) and prior.known.own.longer[-1] == pytest.approx(0.4)
+    found = detect_scans(prior, [named(scan_of(with_capital(0.8), position))], judges, AS_IS).mismatches
+    (new,) = (one for one in found if one.mismatch_type == "added")
+    (gone,) = (one for one in found if one.mismatch_type == "removed")
+    assert (new.object_type, gone.object_type, found[new.moved_from].element) == ("pillar", "pillar", gone.element)
+    np.testing.assert_allclose(new.center, [1.0, 0.8, 1.3], atol=0.05)
+    np.testing.assert_allclose(new.dimensions, [0.4, 0.4, 2.6], atol=0.08)
+    np.testing.assert_allclose(gone.dimensions, [1.0, 1.0, 2.6], atol=1e-3)
