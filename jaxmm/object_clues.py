@@ -167,7 +167,9 @@ def _of_ends(
 ) -> dict[str, float]:
     face, members = piece.face, candidate.members
     near, far = ends_of(sight, looks, piece, members, opinions.apart, settings)
-    off = np.abs((sight.points[members, :2] - face.center) @ face.across)
+    set_back = np.setdiff1d(piece.members, face.members, assume_unique=True)  # panes do not make a wall uneven
+    on = np.setdiff1d(members, set_back, assume_unique=True)
+    off = np.abs((sight.points[on, :2] - face.center) @ face.across)
     return {
         "flat": float(np.sqrt(np.mean(off**2))),
         "bulge": float(off.max()) if candidate.first.circle is not None else 0.0,

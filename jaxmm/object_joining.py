@@ -9,7 +9,8 @@ from jaxmm.object_pieces import Piece, PieceSettings
 from jaxmm.object_shapes import face_along, face_through
 from jaxmm.object_sight import Crossings, Sight, crossings, upright_patch
 
-REACHES, SHOWS = 0.7, 0.2  # shares of a wall's length and of its points, that are of its face
+REACHES, SHOWS = 0.55, 0.2  # shares of a wall's length and of its points, that are of its face
+UNEVEN = 1.5  # times the deviations of its parts from their lines: less is one line, from which errors turn them
 HIGHEST = 0.98  # quantile of heights that stands for the top, as errors move the last
 
 
@@ -21,12 +22,13 @@ def joined(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[P
     while first < len(pieces):
         for second in range(first + 1, len(pieces)):
             if _is_one(sight, pieces[first], pieces[second], settings):
-                pieces[first] = _merged(sight, pieces[first], pieces.pop(second))
+                whole = _merged(sight, pieces[first], pieces.pop(second))
                 parts[first] += parts.pop(second)
+                pieces[first] = _fronted(sight, whole, parts[first], settings)
                 break  # the grown face may now reach one that it did not
         else:
             first += 1
-    return [_fronted(sight, piece, own, settings) for piece, own in zip(pieces, parts, strict=True)]
+    return pieces
 
 
 def _is_one(sight: Sight, a: Piece, b: Piece, settings: PieceSettings) -> bool:
@@ -77,14 +79,13 @@ def _fronted(sight: Sight, piece: Piece, parts: list[Piece], settings: PieceSett
     The wall reaches along most of it, and shows much of it: a pilaster does not. A board or a radiator before the wall
     ends lower. Where that tells nothing, the line is one through all of it.
     """
-    if len(parts) == 1:
-        return piece
-    longest = max(parts, key=lambda part: part.face.length).face
-    depth = np.array([(part.face.center - longest.center) @ piece.toward for part in parts])
-    if np.ptp(depth) <= 2.0 * settings.tolerance:
+    longest = max(parts, key=lambda part: part.face.length)  # a line through all may be slanted
+    depth = np.array([(part.face.center - longest.face.center) @ longest.toward for part in parts])
+    places, z = sight.points[:, :2], sight.points[:, 2]
+    own = np.concatenate([_off(places, part) for part in parts])
+    if np.ptp(depth) <= 2.0 * settings.tolerance or _off(places, piece).std() <= UNEVEN * own.std():
         return piece
     ahead = depth >= depth.max() - settings.tolerance
-    places, z = sight.points[:, :2], sight.points[:, 2]
     sides = [
         np.sort(np.concatenate([part.members for part, one in zip(parts, side, strict=True) if one]))
         for side in (ahead, ~ahead)
@@ -94,5 +95,10 @@ def _fronted(sight: Sight, piece: Piece, parts: list[Piece], settings: PieceSett
         face = face_through(places, side)
         reaches = face.length >= REACHES * piece.face.length and len(side) >= SHOWS * len(piece.members)
         if reaches and np.quantile(z[side], HIGHEST) >= highest - settings.lower:
-            return piece._replace(face=face_along(places, piece.members, face))
+            return piece._replace(face=face_along(places, piece.members, face)._replace(members=side))
     return piece
+
+
+def _off(places: np.ndarray, piece: Piece) -> np.ndarray:
+    """(n,) [m] how far the points of a piece are off its line, to either side."""
+    return (places[piece.members] - piece.face.center) @ piece.face.across
