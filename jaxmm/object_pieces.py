@@ -44,7 +44,7 @@ class Piece(NamedTuple):
     """What is seen of one object, or of a part of it."""
 
     members: np.ndarray  # (n,) int of the points
-    face: Face | None  # a straight run; its members are the piece's
+    face: Face | None  # a straight run; its members are the piece's, but for what is set back in it
     circle: Circle | None  # or a round shaft
     cluster: int
     origin: np.ndarray  # (3,) [m] where it was seen from

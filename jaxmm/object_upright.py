@@ -13,10 +13,11 @@ from jaxmm.object_sight import Patch, Sight, crossings
 
 
 def upright(sight: Sight, pieces: list[Piece], settings: PieceSettings) -> list[Piece]:
-    """The pieces that are no furniture: nobody looks past them above or below, or both where they are higher than that.
+    """The pieces that are no furniture: nobody looks past them above or below.
 
-    What stands right beside a piece that does not, and is no higher, is another side of the same thing. What is below
-    an opening and what is above it, in one plane, are as high as both together.
+    Of what is higher than furniture nobody looks past both. What stands right beside a piece that is furniture, and is
+    no higher, is another side of the same thing. What is below an opening and what is above it, in one plane, are as
+    high as both together.
     """
     pieces = [_trimmed(sight, piece, settings) for piece in pieces]
     fits = [_may_be_upright(sight, piece, settings) for piece in pieces]

@@ -91,6 +91,15 @@ def data_root() -> Path:
 
 
 @pytest.fixture(scope="session")
+def judges():
+    """The models that are shipped."""
+    from jaxmm.detect_files import read_judges
+    from jaxmm.weights import DEFAULT
+
+    return read_judges(DEFAULT)
+
+
+@pytest.fixture(scope="session")
 def real_building(data_root):
     """real_building(name) -> the building in that file of ifc/, read once for all tests; skips without ifcopenshell."""
     pytest.importorskip("ifcopenshell")

@@ -4,32 +4,18 @@ import dataclasses
 
 import numpy as np
 import pytest
+from as_it_is import AS_IS, named
 from box_building import building_of
 
-from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
+from jaxmm.detection import detect_scans
 from jaxmm.priors import prior_of_building, prior_of_cloud
 from jaxmm.scan_rays import PosedScan
 from jaxmm.verdicts import REMOVED
-from jaxmm.weights import DEFAULT
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, PILLAR, TABLE, WALL, WINDOW
 from warp_scanner.sensors import OAK_D_PRO_SMALL
 from warp_scanner.triangles import cast_triangles, prepare
-
-UNSEEN_SEED = 78  # that no training, validation or test of ours uses
-AS_IS = DetectSettings(refine=False, propose_views=False)
-
-
-@pytest.fixture(scope="module")
-def judges():
-    return read_judges(DEFAULT)
-
-
-def named(scan, file="scan"):
-    return NamedScan(scan, file, len(scan.points), "given")
-
 
 BEYOND = ((6, 0, 1.3), (0.1, 6, 1.3), WALL)
 

@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from as_it_is import AS_IS, named
 
 from jaxmm.box_match import match_boxes
-from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans, look_at
+from jaxmm.detection import detect_scans, look_at
 from jaxmm.inputs import InputError
 from jaxmm.placement import OF_CLOUDS, FitLimits
 from jaxmm.priors import prior_of_building, prior_of_cloud
@@ -16,23 +16,12 @@ from jaxmm.report import box_of
 from jaxmm.room_scans import as_cloud, room_cases, true_boxes
 from jaxmm.scan_rays import PosedScan, rays_of_scan
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
-from jaxmm.weights import DEFAULT
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import FLOOR
 from warp_scanner.sensors import OAK_D_PRO_SMALL
 from warp_scanner.triangles import cast_triangles
 
 UNSEEN_SEED = 78  # that no training, validation or test of ours uses
-AS_IS = DetectSettings(refine=False, propose_views=False)
-
-
-@pytest.fixture(scope="module")
-def judges():
-    return read_judges(DEFAULT)
-
-
-def named(scan, file="scan"):
-    return NamedScan(scan, file, len(scan.points), "given")
 
 
 def test_verdicts_agree_with_the_truth(judges):

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from box_building import building_of, scan_of
 
-from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import detect_scans
 from jaxmm.priors import prior_of_building
 from jaxmm.verdicts import OCCLUDED, REMOVED, UNSCANNED
-from jaxmm.weights import DEFAULT
 from warp_scanner.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.sensors import OAK_D_PRO_SMALL
 
@@ -19,11 +17,6 @@ HALL = (
     ((0, -3.9, 1.3), (5, 0.1, 1.3), WALL), ((0, 3.9, 1.3), (5, 0.1, 1.3), WALL),
 )  # fmt: skip
 DEVIATION = (0.003, 0.007, 0.003, 0.2, 0.2)
-
-
-@pytest.fixture(scope="module")
-def judges():
-    return read_judges(DEFAULT)
 
 
 def verdict_of(judges, column, real, deviation, off=(0.0, 0.0, 0.0)):

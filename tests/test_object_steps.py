@@ -1,14 +1,12 @@
 """The steps from points to objects, one by one: what each makes of what it is given, and what it refuses."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 import trimesh
-from known_rooms import CEILING, FLOOR, NO_RAYS, SENSOR, judged, pillar, says, slab, wall
+from known_rooms import CEILING, FLOOR, SENSOR, judged, pillar, says, slab, wall
 
 from jaxmm.building_grid import uprights_of
-from jaxmm.object_candidates import Candidate, candidates_of
+from jaxmm.object_candidates import Candidate
 from jaxmm.object_clues import CLUES
 from jaxmm.object_levels import levels_of
 from jaxmm.object_pieces import Piece
@@ -16,15 +14,8 @@ from jaxmm.object_shapes import face_through
 from jaxmm.object_sight import Patch, Sight, crossings
 from jaxmm.object_solids import SolidSettings, _angled, solid_of
 from jaxmm.object_walls import KnownBuilding, Solid, reach
-from jaxmm.objects import Judged, ObjectSettings, examine, find_objects
+from jaxmm.objects import ObjectSettings, examine, find_objects
 from warp_scanner.scenes import BOX, CYLINDER
-
-
-def test_two_walls_that_meet_make_none_as_thick_as_they_are_long():
-    seen = judged(wall(3.2, 0.45, 1.3, 0.2, 50), wall(3.2, -0.45, 1.3, 0.2, -50))
-    examined = examine(seen, ObjectSettings())
-    solids = [solid_of(examined.sight, one, True, ObjectSettings(), KnownBuilding()) for one in examined.candidates]
-    assert solids and all(min(solid.edges) <= ObjectSettings().most_thickness + 1e-6 for solid in solids)
 
 
 def test_what_several_scans_see_alike_has_the_clues_of_what_one_sees():
@@ -36,47 +27,6 @@ def test_what_several_scans_see_alike_has_the_clues_of_what_one_sees():
     clues = [examine(seen, ObjectSettings()).clues for seen in (once, twice)]
     assert len(twice.points) > 1.9 * len(once.points)
     np.testing.assert_allclose(*(np.sort(one, axis=0) for one in clues), atol=0.06)
-
-
-def test_a_wall_lies_where_it_is_in_front_of_its_panes():
-    """Panes from floor to ceiling, set back by 0.12 m, show more than the wall between them does."""
-    parts = [wall(4.0, y, 0.4, 0.3, 90) for y in (-1.7, 0.0, 1.7)]
-    panes = [wall(3.995, y, 1.3, 0.05, 90) for y in (-0.85, 0.85)]
-    (found,) = find_objects(judged(*parts, *panes))
-    assert found.box.object_type == "wall"
-    front = found.box.center[0] - found.box.dimensions[1] / 2
-    assert front == pytest.approx(3.85, abs=0.01) and abs(abs(found.box.rotation) - 90.0) < 0.5
-    assert found.box.dimensions[0] == pytest.approx(3.8, abs=0.06)
-
-
-def test_what_is_lower_before_a_wall_or_little_of_it_is_not_its_face():
-    """A board that hides most of a wall, but for its top and both ends; and a pilaster."""
-    whole, board = wall(4.0, 0.0, 3.6, 0.2, 90), slab((3.8, 0.04), (0.0, 2.8), FLOOR, 2.4)
-    pilaster = slab((3.84, 0.12), (0.3, 0.25), FLOOR, CEILING)
-    for before, off in ((board, 0.03), (pilaster, 0.04)):
-        (found,) = find_objects(judged(whole, before))
-        assert found.box.object_type == "wall"
-        assert found.box.center[0] - found.box.dimensions[1] / 2 == pytest.approx(3.9, abs=off)
-
-
-@pytest.mark.parametrize("yaw", [80.0, 85.0, 90.0])
-def test_a_wall_whose_middle_is_hidden_is_turned_as_both_its_parts(yaw):
-    """With errors of 3 cm the ends of a short face are off the line of the other, and neither is set back."""
-    crate = slab((2.6, 0.2), (0.0, 0.5), FLOOR, CEILING)
-    for found in find_objects(judged(wall(4.0, 0.0, 3.6, 0.2, yaw), others=[crate], noise=0.03))[:1]:
-        assert abs((found.box.rotation - yaw + 90.0) % 180.0 - 90.0) < 0.6
-
-
-def test_a_wall_is_one_around_its_window_and_what_stands_below_a_window_alone_is_furniture():
-    below, above = slab((3.0, 0.2), (0.0, 2.0), FLOOR, 0.8), slab((3.0, 0.2), (0.0, 2.0), 2.1, CEILING)
-    sure = says(0.05, 0.05, 0.9)
-    (whole,) = find_objects(judged(below, above), judge=sure)
-    assert whole.box.object_type == "wall" and whole.box.dimensions[2] == pytest.approx(3.0, abs=0.1)
-    assert find_objects(judged(below), judge=sure) == [] and find_objects(judged(above), judge=sure) == []
-    apart = slab((3.6, 0.2), (0.0, 2.0), 2.1, CEILING)  # of another plane
-    assert find_objects(judged(below, apart), judge=sure) == []
-    beside = slab((3.0, 0.2), (2.2, 2.0), 2.1, CEILING)  # not above it
-    assert find_objects(judged(below, beside), judge=sure) == []
 
 
 def only(found, object_type):
@@ -137,25 +87,6 @@ def test_what_is_made_up_of_a_wall_ends_at_what_its_building_has_there(x, y, yaw
     assert box.dimensions[along] == pytest.approx(last - first, abs=0.06)
 
 
-def test_an_end_of_a_wall_that_has_more_points_than_the_wall_belongs_to_it():
-    rng = np.random.default_rng(0)
-
-    def piece(start, end, count, first):
-        members = np.arange(first, first + count)
-        points[members, :2] = np.linspace(start, end, count)
-        points[members, 2] = rng.uniform(0.2, 2.8, count)
-        return Piece(members, face_through(points[:, :2], members), None, 0, SENSOR)
-
-    points = np.zeros((100, 3))
-    pillar_face = piece([3.0, -2.0], [3.0, -1.6], 40, 0)
-    end, face = piece([2.0, 1.0], [2.2, 1.0], 35, 40), piece([2.0, 1.0], [2.0, 3.0], 25, 75)
-    sight = Sight(points, np.tile(SENSOR, (100, 1)), FLOOR, CEILING)
-    settings = SolidSettings()
-    (one,) = [one for one in candidates_of(sight, [pillar_face, end, face], settings) if 45 in one.members]
-    solid = solid_of(sight, one, True, settings, KnownBuilding())
-    assert set(solid.members) == set(range(40, 100)) and solid.edges[1] == pytest.approx(0.2, abs=0.02)
-
-
 def test_rays_beyond_before_and_on_a_patch_are_told_apart():
     points = np.array([[4.0, 0.0, 1.0], [2.0, 0.1, 1.0], [1.0, 0.0, 1.0], [4.0, 3.0, 1.0], [4.0, 0.0, 9.0], [-4, 0, 1]])
     sight = Sight(points, np.tile([0.0, 0.0, 1.0], (6, 1)), 0.0, 3.0)
@@ -165,45 +96,6 @@ def test_rays_beyond_before_and_on_a_patch_are_told_apart():
     assert crossings(sight, Patch(patch.start, patch.start, 0.0, 3.0), 0.05).total == 0
 
 
-@pytest.mark.parametrize(
-    "change, message",
-    [
-        ({"points": np.zeros((4, 2))}, r"points must be \(N, 3\), got \(4, 2\)"),
-        ({"points": np.full((4, 3), np.nan)}, "must be finite"),
-        ({"pillar": np.zeros(3)}, r"pillar must be \(4,\), got \(3,\)"),
-        ({"wall": np.full(4, 1.5)}, r"must lie in \[0, 1\]"),
-        ({"wall": np.full(4, np.nan)}, r"must lie in \[0, 1\]"),
-        ({"sensor": np.zeros(3)}, "sensor must be"),
-        ({"apart": np.full(4, np.nan)}, "apart must not be negative or NaN"),
-        ({"scan": np.array([0, 0, 0, 3])}, r"scan must be \(4,\) of 0 to 0"),
-        ({"scan": np.zeros(3, int)}, r"scan must be \(4,\) of 0 to 0, got \(3,\)"),
-        ({"rays": ()}, "rays must be those of 1 scans"),
-        ({"rays": (NO_RAYS,)}, "rays must start at the sensor of their scan"),
-        ({"rays": (NO_RAYS,), "sensor": NO_RAYS.origin[None].repeat(2, axis=0)}, "rays must be those of 2 scans"),
-        ({"levels": np.zeros((4, 3))}, r"levels must be \(4, 2\) and finite, got \(4, 3\)"),
-        ({"levels": np.full((4, 2), np.nan)}, r"levels must be \(4, 2\) and finite"),
-        ({"floor": 3.0}, "floor must lie below ceiling, got 3.0 and 3.0"),
-    ],
-)
-def test_bad_input_is_named(change, message):
-    good = Judged(np.zeros((4, 3)), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros((1, 3)), 0.0, 3.0)
-    with pytest.raises(ValueError, match=message):
-        find_objects(good._replace(**change))
-
-
-@pytest.mark.parametrize(
-    "change, message",
-    [
-        ({"threshold": 1.5}, r"threshold must lie in \[0, 1\]"),
-        ({"hidden_gap": -1.0}, "hidden_gap must not be negative"),
-        ({"link": 0.0}, "link and tolerance must be positive"),
-    ],
-)
-def test_bad_settings_are_named(change, message):
-    with pytest.raises(ValueError, match=message):
-        dataclasses.replace(ObjectSettings(), **change)
-
-
 def test_a_carton_in_line_with_a_pillar_does_not_make_it_furniture():
     """Both in one plane: what is looked over is left out of the face, and the face stays."""
     truth = pillar(3.25, 0.0, 0.5)
@@ -211,47 +103,6 @@ def test_a_carton_in_line_with_a_pillar_does_not_make_it_furniture():
     (one,) = [one for one in find_objects(judged(truth, box)) if one.box.probability > 0.5]
     assert one.box.object_type == "pillar"
     np.testing.assert_allclose(one.box.center[:2], [3.25, 0.0], atol=0.06)
-
-
-def test_an_object_that_nothing_allows_takes_no_points_from_another(monkeypatch):
-    """Of two objects the larger, made so here that it holds both, takes the smaller one's points, unless refused."""
-
-    def swollen(*asked):
-        solid = solid_of(*asked)
-        return solid._replace(edges=np.array([9.0, 9.0])) if solid and solid.object_type == "wall" else solid
-
-    seen = judged(pillar(3.0, 0.7, 0.5, 20), wall(3.6, -1.2, 2.0, 0.2, 90))
-    monkeypatch.setattr("jaxmm.objects.solid_of", swollen)
-    assert [one.box.object_type for one in find_objects(seen)] == ["wall"]
-    (left,) = find_objects(seen, allows=lambda one: one.box.object_type != "wall")
-    assert left.box.object_type == "pillar" and np.linalg.norm(left.box.center[:2] - [3.0, 0.7]) < 0.1
-
-
-@pytest.mark.parametrize(
-    "odds, types",
-    [((0.1, 0.6, 0.3), ["pillar", "wall"]), ((0.1, 0.3, 0.6), ["wall", "pillar"]), ((0.1, 0.88, 0.02), ["pillar"])],
-)
-def test_what_is_refused_as_the_likelier_type_is_tried_as_the_other_unless_that_is_hardly_possible(odds, types):
-    seen, tried = judged(wall(3.2, 0.45, 1.3, 0.2, 80)), []
-
-    def refuses(found):
-        tried.append(found.box.object_type)
-        return False
-
-    assert not find_objects(seen, judge=says(*odds), allows=refuses)
-    assert tried == types
-    (found,) = find_objects(seen, judge=says(*odds), allows=lambda one: one.box.object_type == types[-1])
-    assert found.box.object_type == types[-1]
-    assert found.box.probability == pytest.approx(0.9 / (0.9 + ObjectSettings().rarer * 0.1))
-    assert found.type_probability == pytest.approx(1.0 if len(types) == 2 else 0.88 / 0.9)
-    (both,) = find_objects(seen, judge=says(*odds))
-    assert both.box.object_type == types[0] and both.type_probability == pytest.approx(max(odds[1:]) / 0.9)
-
-
-def test_what_tells_nothing_of_its_shape_as_the_likelier_type_is_not_tried_as_the_other():
-    """A post of 0.06 m, seen to go on nowhere, would be the end of a wall of 2 m."""
-    assert find_objects(judged(pillar(1.5, 0.5, 0.06)), judge=says(0.1, 0.7, 0.2)) == []
-    assert find_objects(judged(pillar(1.5, 0.5, 0.06)), judge=says(0.1, 0.2, 0.7)) != []
 
 
 @pytest.mark.parametrize("gap", [0.0, 0.15, 0.4])

@@ -8,7 +8,6 @@ from benchmarks.outdoors import Street
 from benchmarks.outdoors import _pose as a_pose
 from benchmarks.outdoors import _things_around as things_around
 from benchmarks.outdoors import table as outdoor_table
-from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import detect_scans
 from jaxmm.files import write_json
@@ -16,7 +15,6 @@ from jaxmm.inputs import InputError
 from jaxmm.outdoors import OUTDOORS, indoors, is_outdoors
 from jaxmm.priors import prior_of_building, prior_of_cloud
 from jaxmm.verdicts import PRESENT, REMOVED, UNSCANNED
-from jaxmm.weights import DEFAULT
 from warp_scanner.building_poses import away_from
 from warp_scanner.buildings import element_bounds
 from warp_scanner.scenes import CEILING, FLOOR, OTHER, PILLAR, WALL
@@ -36,11 +34,6 @@ AROUND = (
     ((-6.0, 5.5, 1.2), (0.05, 2.0, 1.2), OTHER), ((14.0, 1.0, 3.0), (3.0, 8.0, 3.0), OTHER),
 )  # fmt: skip
 PLACE = np.array([-10.0, 0.5, 1.5])  # it looks along x, at the west wall
-
-
-@pytest.fixture(scope="module")
-def judges():
-    return read_judges(DEFAULT)
 
 
 def scanned(boxes, place=PLACE):

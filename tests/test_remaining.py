@@ -7,7 +7,6 @@ import pytest
 from box_building import building_of, scan_of
 
 from benchmarks.detections import elements_of
-from jaxmm.detect_files import read_judges
 from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans, look_at
 from jaxmm.priors import prior_of_building
@@ -15,7 +14,6 @@ from jaxmm.remaining import filling, look_past_what_is_gone
 from jaxmm.room_scans import room_cases
 from jaxmm.scan_rays import rays_of_scan
 from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VerdictSettings
-from jaxmm.weights import DEFAULT
 from warp_scanner.scan import Rays
 from warp_scanner.scenes import CEILING, DOOR, FLOOR, PILLAR, TABLE, WALL
 from warp_scanner.sensors import OAK_D_PRO_SMALL, VELODYNE_16
@@ -33,11 +31,6 @@ SHELL = (
 def across(x, thickness=0.1, semantic=WALL):
     """A wall across the whole house."""
     return ((x, 0, 1.3), (thickness / 2, 3.8, 1.3), semantic)
-
-
-@pytest.fixture(scope="module")
-def judges():
-    return read_judges(DEFAULT)
 
 
 def scanned(boxes, place=PLACE):

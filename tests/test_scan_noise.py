@@ -7,13 +7,13 @@ import re
 import numpy as np
 import pytest
 import small_gicp
+from as_it_is import AS_IS
 from known_rooms import SENSOR, SHELL, pillar, slab, wall
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from jaxmm.box_match import match_boxes
 from jaxmm.detect_files import read_judges
-from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, _settled, detect_scans
 from jaxmm.report import box_of
 from jaxmm.room_scans import room_cases, true_boxes
@@ -23,8 +23,6 @@ from jaxmm.weights import DEFAULT
 from warp_scanner.scenes import join
 from warp_scanner.sense import cast
 from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose
-
-AS_IS = DetectSettings(refine=False, propose_views=False)
 
 
 @pytest.mark.parametrize("count", [1, 13, 25])

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from as_it_is import AS_IS
 
 from jaxmm import mismatches
 from jaxmm.detect_files import read_judges
-from jaxmm.detect_settings import DetectSettings
 from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.evidence import View
 from jaxmm.judging import Side
@@ -14,8 +14,6 @@ from jaxmm.report import Mismatch, to_json
 from jaxmm.room_scans import room_cases
 from jaxmm.scan_rays import ScanRays
 from jaxmm.weights import DEFAULT
-
-AS_IS = DetectSettings(refine=False, propose_views=False)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,10 @@
+"""Detection of scans whose poses are right, and no more than that: what several test files share."""
+
+from jaxmm.detect_settings import DetectSettings
+from jaxmm.detection import NamedScan
+
+AS_IS = DetectSettings(refine=False, propose_views=False)
+
+
+def named(scan, file="scan"):
+    return NamedScan(scan, file, len(scan.points), "given")
