@@ -19,9 +19,7 @@ class Sight(NamedTuple):
     origin: np.ndarray  # (N, 3) float64 [m] the sensor of the scan that the point is of
     floor: float  # [m]
     ceiling: float
-    levels: np.ndarray | None = (
-        None  # (N, 2) [m] the floor and ceiling of each point, where they are not the same of all
-    )
+    levels: np.ndarray | None = None  # (N, 2) [m] floor and ceiling of each point; None: those above are of all
 
     def around(self, members: np.ndarray) -> "Sight":
         """The same with floor and ceiling of some points (n,) int: of the lowest and of the highest tenth of them."""
