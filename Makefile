@@ -44,7 +44,7 @@ weights: setup
 	$(BIN)/jaxmm train configs/weights.toml --out runs/weights
 	cp runs/weights/models.safetensors jaxmm/weights/default.safetensors
 	cp runs/weights/calibration.json jaxmm/weights/calibration.json
-	$(BIN)/python -m jaxmm.object_training --out jaxmm/weights/objects.safetensors --draws runs/draws
+	$(BIN)/python -m jaxmm.runs.object_training --out jaxmm/weights/objects.safetensors --draws runs/draws
 
 lint: setup
 	$(BIN)/ruff check .

@@ -16,20 +16,22 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy import condition_config
-from jaxmm import evaluate, pipeline, runs
-from jaxmm.batches import LabelledCloud, Sampler, features_of, labels_of, validation_batch
+from jaxmm import run_folder
 from jaxmm.config import SCENARIOS, Config
-from jaxmm.evidence import FEATURES
+from jaxmm.data import labelled_rooms
+from jaxmm.data.sides import sides_of
+from jaxmm.data.simulator_settings import CloudSource
 from jaxmm.files import write_json
-from jaxmm.fit import fit
-from jaxmm.holes import fill_holes
-from jaxmm.metrics import point_metrics
-from jaxmm.preprocess import nearest_distance
-from jaxmm.rule import rule_scores
-from jaxmm.sides import sides_of
-from jaxmm.simulator import CloudSource
-from jaxmm.train import Model
-from jaxmm.training import training_clouds
+from jaxmm.learning import room_scores
+from jaxmm.learning.batches import LabelledCloud, Sampler, features_of, labels_of, validation_batch
+from jaxmm.learning.fit import fit
+from jaxmm.learning.metrics import point_metrics
+from jaxmm.learning.preprocess import nearest_distance
+from jaxmm.learning.train_step import Model
+from jaxmm.rays.evidence import FEATURES
+from jaxmm.rays.hole_filling import fill_holes
+from jaxmm.rays.rule import rule_scores
+from jaxmm.runs.training_stage import training_clouds
 
 METHOD = "evidence"
 FRACTIONS = ("through", "support", "blocked", "unseen")
@@ -51,7 +53,7 @@ KINDS = {"geometry": {"object_filter": "none"}, "clouds, no ids": {"object_filte
 def main(run: Path, out: Path, rooms: int, steps: int) -> None:
     if out.exists() and any(out.iterdir()):
         raise SystemExit(f"{out}: expected a new folder, for checkpoints in it may be of other settings")
-    config = runs.read_config(run)
+    config = run_folder.read_config(run)
     splits = [[training_clouds(config, run, name, split) for name in SCENARIOS] for split in ("train", "validation")]
     short = dataclasses.replace(config, train=dataclasses.replace(config.train, step_count=steps))
     rows = {}
@@ -83,9 +85,9 @@ def _with_filled(config: Config, scenario: str, rooms: int) -> Iterator[tuple[La
     filtered = dataclasses.replace(config, preprocess=dataclasses.replace(config.preprocess, object_filter="height"))
     for start in range(0, rooms, 16):
         index = np.arange(start, min(start + 16, rooms))
-        pairs = pipeline.pairs_of(config, source, index)
+        pairs = labelled_rooms.pairs_of(config, source, index)
         dt, robot = sides_of(filtered, pairs)
-        for row, cloud in enumerate(pipeline.clouds_of(config, source, pairs)):
+        for row, cloud in enumerate(labelled_rooms.clouds_of(config, source, pairs)):
             if scenario.endswith("removed"):
                 other = fill_holes(robot[row].points, pairs.pose.position[row], dt[row].points)
             else:
@@ -111,7 +113,7 @@ def _blanked(cloud: LabelledCloud, blank: np.ndarray) -> LabelledCloud:
 def _model_row(models: Model, config: Config, scored: Scored, blank: np.ndarray) -> Row:
     def score(cloud: LabelledCloud, scenario: str, _: np.ndarray) -> np.ndarray:
         features = features_of(METHOD, cloud.points, cloud.distance, _blanked(cloud, blank).evidence)
-        return evaluate.predict(evaluate.pick_model(models, scenario), features, config.network)
+        return room_scores.predict(room_scores.pick_model(models, scenario), features, config.network)
 
     return _row(scored, score)
 

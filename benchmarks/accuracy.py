@@ -13,10 +13,12 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-from jaxmm import reproduce, runs, tables
+from jaxmm import run_folder
 from jaxmm.config import Config, Table
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
+from jaxmm.learning import model_files, result_tables
+from jaxmm.runs import main_job
 from jaxmm.weights import DEFAULT
 
 MARGIN = 0.1  # [m] ranges must differ by more to be testable; with noise, by three standard deviations more
@@ -70,21 +72,21 @@ def condition_config(trained: Config, name: str, rooms: int) -> Config:
 
 
 def main(model: Path, out: Path, rooms: int, only: list[str]) -> None:
-    models, trained = runs.load_models(model)
+    models, trained = model_files.load_models(model)
     for name in only or CONDITIONS:
         config, folder = condition_config(trained, name, rooms), out / name
-        with runs.open_run(folder, config):
+        with run_folder.open_run(folder, config):
             _check_model(model, folder)
-            scores = reproduce.evaluate_stage(config, folder, models, config.data.test_rooms, reproduce.EVERY_ROW)
-            reproduce.write_results(config, folder, folder, scores)
+            scores = main_job.evaluate_stage(config, folder, models, config.data.test_rooms, main_job.EVERY_ROW)
+            main_job.write_results(config, folder, folder, scores)
         print(name)
-        for line in _lines(tables.read_rows(folder)):
+        for line in _lines(result_tables.read_rows(folder)):
             print(f"  {line}", flush=True)
 
 
 def _check_model(model: Path, folder: Path) -> None:
     """Refuse to go on with rooms that other models scored."""
-    path = model / runs.MODELS if model.is_dir() else model
+    path = model / run_folder.MODELS if model.is_dir() else model
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     told = folder / "model.json"
     if told.exists() and load_json(told) != digest:
@@ -92,13 +94,13 @@ def _check_model(model: Path, folder: Path) -> None:
     write_json(told, digest)
 
 
-def _lines(rows: list[tables.Row]) -> list[str]:
+def _lines(rows: list[result_tables.Row]) -> list[str]:
     rows = [row for row in rows if row["label_kind"] == "true"]
     cases = dict.fromkeys((row["test_case"], row["condition"]) for row in rows)
     return [_line([row for row in rows if (row["test_case"], row["condition"]) == case]) for case in cases]
 
 
-def _line(rows: list[tables.Row]) -> str:
+def _line(rows: list[result_tables.Row]) -> str:
     if rows[0]["roc_auc"] is None:
         return f"{rows[0]['test_case']:15s} {rows[0]['condition']:9s} no room with enough points of the change"
     scores = [f"{row['method']} {row['roc_auc']:.4f}/{row['precision_at_95']:.3f}" for row in rows]

@@ -8,20 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from jaxmm.detect_files import read_judges
 from jaxmm.files import load_json, write_json
-from jaxmm.judging import Judges
-from jaxmm.priors import Prior, read_prior
-from jaxmm.scan_rays import PosedScan
+from jaxmm.learning.prediction import Judges, read_judges
+from jaxmm.rays.scan_rays import PosedScan
+from jaxmm.verdicts.priors import Prior, read_prior
 from jaxmm.weights import DEFAULT
+from warp_scanner.clouds.points import points_of
 from warp_scanner.cores import worker_pool
-from warp_scanner.imperfections import imperfect
-from warp_scanner.points import points_of
-from warp_scanner.poses import rotation_of
-from warp_scanner.sense import rays_of
-from warp_scanner.sensors import Pose, Sensor
-from warp_scanner.surface import incidence_of
-from warp_scanner.triangles import TriangleScene, cast_faces, face_normals
+from warp_scanner.sensors.imperfections import imperfect
+from warp_scanner.sensors.poses import Pose, rotation_of
+from warp_scanner.sensors.sense import rays_of
+from warp_scanner.sensors.sensors import Sensor
+from warp_scanner.sensors.surface import incidence_of
+from warp_scanner.sensors.triangles import TriangleScene, cast_faces, face_normals
 
 SEED = 3  # of the test places
 # What is told of one view, by prior, models, sensor, and seed and number; None where there is no such view.

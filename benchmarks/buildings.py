@@ -29,28 +29,27 @@ import numpy as np
 
 from benchmarks.detection_scores import LEAST_SHOWN
 from benchmarks.lookalikes import lookalikes, sections_of, view_of
-from jaxmm.box_match import match_boxes
-from jaxmm.boxes import Box
 from jaxmm.config import SCENARIOS
-from jaxmm.detect_files import read_judges
-from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
-from jaxmm.judging import Judges
-from jaxmm.mismatch_points import inside
-from jaxmm.priors import Prior, prior_of_building, read_prior
-from jaxmm.report import Mismatch, box_of, to_json
-from jaxmm.room_scans import true_boxes
-from jaxmm.scan_rays import PosedScan
-from jaxmm.verdicts import PRESENT, REMOVED
+from jaxmm.learning.box_match import match_boxes
+from jaxmm.learning.boxes import Box
+from jaxmm.learning.prediction import Judges, read_judges
+from jaxmm.rays.scan_rays import PosedScan
+from jaxmm.runs.room_scans import true_boxes
+from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.mismatch_points import inside
+from jaxmm.verdicts.priors import Prior, prior_of_building, read_prior
+from jaxmm.verdicts.results import Mismatch, box_of, to_json
+from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.verdicts.verdicts import PRESENT, REMOVED
 from jaxmm.weights import DEFAULT
-from warp_scanner.building_pairs import MISSING, BuildingPairConfig, make_building_pairs
-from warp_scanner.buildings import without
-from warp_scanner.pairs import Pairs
-from warp_scanner.points import points_of
-from warp_scanner.poses import rotation_of
-from warp_scanner.sensors import OAK_D_PRO, OAK_D_PRO_SMALL, Sensor
+from warp_scanner.buildings.pairs import MISSING, BuildingPairConfig, make_building_pairs
+from warp_scanner.clouds.points import points_of
+from warp_scanner.rooms.pairs import Pairs
+from warp_scanner.scenes.building import without
+from warp_scanner.sensors.poses import rotation_of
+from warp_scanner.sensors.sensors import OAK_D_PRO, OAK_D_PRO_SMALL, Sensor
 
 SEED = 3  # of the test rooms
 CHANGES = (*SCENARIOS, *MISSING)
@@ -191,7 +190,7 @@ def _command(prior: Prior, path: Path, scan: PosedScan) -> dict[str, float]:
             words = [path, points, f"--pose={pose}", "--sensor", "oak-d-pro", "--out", f"{folder}/{name}"]
             begun = time.perf_counter()
             done = subprocess.run(
-                [sys.executable, "-m", "jaxmm.cli", "detect", *map(str, words)], env=os.environ | caches,
+                [sys.executable, "-m", "jaxmm", "detect", *map(str, words)], env=os.environ | caches,
                 stdout=subprocess.DEVNULL,
             )  # fmt: skip
             if done.returncode == 2:  # whoever sees nothing but what is new has to say in which unit

@@ -20,19 +20,19 @@ import numpy as np
 from benchmarks.detection_scores import COUNTS, objects_of, share_of
 from benchmarks.detections import TEST_SEED
 from jaxmm import detect
+from jaxmm.commands.detect_files import Reading
 from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED
-from jaxmm.detect_files import Reading
-from jaxmm.detect_settings import DetectSettings
 from jaxmm.files import load_json, write_json
+from jaxmm.formats.poses import GivenPose
 from jaxmm.inputs import InputError
-from jaxmm.preprocess import object_filter, voxel_downsample
-from jaxmm.room_scans import RoomCase, room_cases
-from jaxmm.scan_poses import GivenPose
+from jaxmm.learning.preprocess import object_filter, voxel_downsample
+from jaxmm.runs.room_scans import RoomCase, room_cases
+from jaxmm.verdicts.settings import DetectSettings
+from warp_scanner.clouds.points import points_of
 from warp_scanner.cores import worker_pool
-from warp_scanner.pairs import Pairs
-from warp_scanner.points import points_of
-from warp_scanner.scan import Scan
-from warp_scanner.sensors import OAK_D_PRO_SMALL
+from warp_scanner.rooms.pairs import Pairs
+from warp_scanner.sensors.scan import Scan
+from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
 
 SCENES = (*SCENARIOS, UNCHANGED)
 FORMS = ("filtered", "whole")

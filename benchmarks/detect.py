@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.config import COMPACT, THESIS, NetworkConfig
-from jaxmm.train import init_model, probabilities
+from jaxmm.learning.train_step import init_model, probabilities
 from warp_scanner.cores import core_count
 
 MODELS = 4

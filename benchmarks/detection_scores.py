@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from jaxmm.box_match import Match, clip, footprint, match_boxes, polygon_area
-from jaxmm.boxes import Box
-from jaxmm.report import Mismatch, box_of
-from jaxmm.room_scans import RoomCase, true_boxes
-from warp_scanner.pairs import Pairs
-from warp_scanner.poses import rotation_of
+from jaxmm.learning.box_match import Match, clip, footprint, match_boxes, polygon_area
+from jaxmm.learning.boxes import Box
+from jaxmm.runs.room_scans import RoomCase, true_boxes
+from jaxmm.verdicts.results import Mismatch, box_of
+from warp_scanner.rooms.pairs import Pairs
+from warp_scanner.sensors.poses import rotation_of
 
 LEAST_SHOWN = 0.2  # observable fraction from which an object is to be found
 LEAST_INSIDE = 0.5  # share of a box's footprint inside an object, from which it stands there

@@ -19,22 +19,21 @@ import numpy as np
 
 from benchmarks.detection_scores import COUNTS, LEAST_SHOWN, objects_of, share_of
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, UNCHANGED
-from jaxmm.detect_files import read_judges
-from jaxmm.detect_settings import PRESETS as HOW
-from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.files import load_json, write_json
-from jaxmm.hindsight import APART
-from jaxmm.judging import Judges
-from jaxmm.objects import ObjectSettings
-from jaxmm.report import Detection
-from jaxmm.room_scans import RoomCase, room_cases
-from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, VerdictSettings, is_enough
+from jaxmm.learning.prediction import Judges, read_judges
+from jaxmm.objects.finder import ObjectSettings
+from jaxmm.runs.room_scans import RoomCase, room_cases
+from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.results import Detection
+from jaxmm.verdicts.settings import PRESETS as HOW
+from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.verdicts.standing_alone import APART
+from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, VerdictSettings, is_enough
 from jaxmm.weights import DEFAULT
 from warp_scanner.cores import worker_pool
-from warp_scanner.pairs import PRESETS
-from warp_scanner.scan import Rays
-from warp_scanner.triangles import cast_triangles
+from warp_scanner.rooms.pairs import PRESETS
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.triangles import cast_triangles
 
 TEST_SEED = 3  # of configs/weights.toml: neither training nor any choice has seen its rooms
 SCENES = (*SCENARIOS, UNCHANGED, *MULTI_SCENARIOS)

@@ -22,12 +22,13 @@ from matplotlib.figure import Figure
 from benchmarks.rays import rays_of, rooms_and_poses
 from benchmarks.timing import Timing, measure_in_turns, write_report
 from jaxmm.config import Config, Table
-from jaxmm.figures import BLUE, GREY, VERMILLION, save, styled
-from jaxmm.generate import Request, generate
-from warp_scanner.pinhole import cast_image
-from warp_scanner.scan import cast_rays
-from warp_scanner.scenes import BOX, CYLINDER, TABLE, WALL, Primitives, join, take
-from warp_scanner.sensors import OAK_D_PRO_SMALL, Pose
+from jaxmm.data.generation import Request, generate
+from jaxmm.reports.figures import BLUE, GREY, VERMILLION, save, styled
+from warp_scanner.scenes.scenes import BOX, CYLINDER, TABLE, WALL, Primitives, join, take
+from warp_scanner.sensors.pinhole import cast_image
+from warp_scanner.sensors.poses import Pose
+from warp_scanner.sensors.scan import cast_rays
+from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
 
 PRIMITIVES = (10, 30, 100, 300, 1000)  # in a room
 ROOMS = (1, 4, 16, 64, 256, 1024, 4096)  # in a launch

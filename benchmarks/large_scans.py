@@ -18,11 +18,11 @@ import numpy as np
 
 from benchmarks.scan_writers import FORMATS, Blocks
 from benchmarks.timing import write_report
-from warp_scanner.ifc_rooms import write_room
-from warp_scanner.pairs import PairConfig
-from warp_scanner.scan import Rays, cast_rays
-from warp_scanner.scenarios import Scenes, make_scenes
-from warp_scanner.scenes import GAP
+from warp_scanner.buildings.room_ifc import write_room
+from warp_scanner.rooms.pairs import PairConfig
+from warp_scanner.rooms.scenarios import Scenes, make_scenes
+from warp_scanner.scenes.scenes import GAP
+from warp_scanner.sensors.scan import Rays, cast_rays
 
 LIMIT = 8.0  # [GiB] of memory
 NOISE = 0.003  # [m] of the ranges

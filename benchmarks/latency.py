@@ -17,12 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.timing import measure_in_turns, write_report
-from jaxmm.detect_files import read_judges
-from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import Detection, NamedScan, detect_scans
-from jaxmm.judging import Judges
-from jaxmm.report import to_json
-from jaxmm.room_scans import RoomCase, room_cases
+from jaxmm.learning.prediction import Judges, read_judges
+from jaxmm.runs.room_scans import RoomCase, room_cases
+from jaxmm.verdicts.detection import Detection, NamedScan, detect_scans
+from jaxmm.verdicts.results import to_json
+from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT
 
 SEED = 27  # of validation

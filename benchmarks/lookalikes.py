@@ -15,14 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.boxes import Box
-from jaxmm.hindsight import ranges_to
-from warp_scanner.building_changes import COLUMN_WIDTH, WALL_LENGTH, WALL_THICKNESS, of_element, removable
-from warp_scanner.buildings import Building
-from warp_scanner.clutter import ClutterConfig
-from warp_scanner.pairs import Pairs
-from warp_scanner.poses import rotation_of
-from warp_scanner.scenes import PILLAR, WALL
+from jaxmm.learning.boxes import Box
+from jaxmm.verdicts.standing_alone import ranges_to
+from warp_scanner.buildings.changes import COLUMN_WIDTH, WALL_LENGTH, WALL_THICKNESS, of_element, removable
+from warp_scanner.rooms.clutter import ClutterConfig
+from warp_scanner.rooms.pairs import Pairs
+from warp_scanner.scenes.building import Building
+from warp_scanner.scenes.scenes import PILLAR, WALL
+from warp_scanner.sensors.poses import rotation_of
 
 CABINET = "cabinet"
 SAME = 0.02  # [m] by which ranges may differ

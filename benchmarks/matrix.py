@@ -13,20 +13,21 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy import condition_config
-from jaxmm import evaluate, pipeline, runs
-from jaxmm.batches import features_of, labels_of
 from jaxmm.config import SCENARIOS, Config
+from jaxmm.data import labelled_rooms
+from jaxmm.data.simulator_settings import CloudSource
 from jaxmm.files import write_json
-from jaxmm.metrics import point_metrics
-from jaxmm.simulator import CloudSource
-from jaxmm.train import Model
+from jaxmm.learning import model_files, room_scores
+from jaxmm.learning.batches import features_of, labels_of
+from jaxmm.learning.metrics import point_metrics
+from jaxmm.learning.train_step import Model
 from jaxmm.weights import DEFAULT
 
 METHOD = "evidence"
 
 
 def main(model: Path, rooms: int, path: Path | None) -> None:
-    models, trained = runs.load_models(model)
+    models, trained = model_files.load_models(model)
     config = condition_config(trained, "varied", rooms)
     cells = [_cell(config, models[METHOD], scene, scenario) for scene in SCENARIOS for scenario in SCENARIOS]
     if path:
@@ -41,10 +42,10 @@ def _cell(config: Config, models: Model, scene: str, scenario: str) -> dict:
     """Mean over rooms of one model's AUC, where it sees the change, and of its alarms."""
     same = scene.split("_")[1] == scenario.split("_")[1]
     source = CloudSource(scene if same else scenario, scene, "occluded", config.data.test_seed)
-    model, found, alarms = evaluate.pick_model(models, scenario), [], []
-    for cloud, _ in pipeline.clouds(config, source, np.arange(config.data.test_rooms)):
+    model, found, alarms = room_scores.pick_model(models, scenario), [], []
+    for cloud, _ in labelled_rooms.clouds(config, source, np.arange(config.data.test_rooms)):
         features = features_of(METHOD, cloud.points, cloud.distance, cloud.evidence)
-        score = evaluate.predict(model, features, config.network)
+        score = room_scores.predict(model, features, config.network)
         label, void = labels_of(cloud, "true")
         alarms += [float(np.mean(score[~label] >= 0.5))] if np.any(~label) else []
         if same and np.sum(label & ~void) >= config.evaluate.least_positives:

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.room_clouds import thinned_pairs
 from benchmarks.timing import measure_in_turns, write_report
-from warp_scanner.neighbours import nearest_both_ways
+from warp_scanner.clouds.neighbours import nearest_both_ways
 
 THREADS = 2
 PEERS = {"pykdtree": "pykdtree, float32, OpenMP", "scipy": "scipy cKDTree, float64"}

@@ -8,7 +8,7 @@ robot's points, removed ones among the prior's, as if nobody knew its elements. 
 are not made again. Writes objects.json and prints Markdown.
 
 An object counts from an observable fraction of 0.2 on. A box is right when it matches a changed object, however little
-of it shows, by the rule of jaxmm/box_match.py; all others are wrong, those around what hardly shows too.
+of it shows, by the rule of jaxmm/learning/box_match.py; all others are wrong, those around what hardly shows too.
 """
 
 import argparse
@@ -20,30 +20,31 @@ import numpy as np
 
 from benchmarks.accuracy import CONDITIONS as CASES
 from benchmarks.accuracy import condition_config
-from jaxmm import runs
-from jaxmm.batches import LabelledCloud
-from jaxmm.box_match import match_boxes
-from jaxmm.boxes import Box, fit_boxes
-from jaxmm.cloud_sighting import LEVELS
+from jaxmm import run_folder
 from jaxmm.config import CONDITIONS, SCENES, UNCHANGED, Config
-from jaxmm.detect_settings import DetectSettings
-from jaxmm.evaluate import pick_model, predict
-from jaxmm.evidence import FEATURES
+from jaxmm.data.labelled_rooms import clouds_of, pairs_of
+from jaxmm.data.sides import sides_of
+from jaxmm.data.simulator_settings import CloudSource
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
-from jaxmm.object_finish import Rays
-from jaxmm.object_walls import KnownBuilding
-from jaxmm.objects import Judged, find_objects
-from jaxmm.pipeline import clouds_of, pairs_of
-from jaxmm.priors import prior_of_building
-from jaxmm.sides import sides_of
-from jaxmm.simulator import CloudSource
-from jaxmm.train import Model
+from jaxmm.learning import model_files
+from jaxmm.learning.batches import LabelledCloud
+from jaxmm.learning.box_match import match_boxes
+from jaxmm.learning.boxes import Box, fit_boxes
+from jaxmm.learning.room_scores import pick_model, predict
+from jaxmm.learning.train_step import Model
+from jaxmm.objects.face_finish import Rays
+from jaxmm.objects.finder import Judged, find_objects
+from jaxmm.objects.walls import KnownBuilding
+from jaxmm.rays.cloud_evidence import LEVELS
+from jaxmm.rays.evidence import FEATURES
+from jaxmm.verdicts.priors import prior_of_building
+from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT
-from warp_scanner.pairs import Pairs
-from warp_scanner.poses import rotation_of
-from warp_scanner.room_buildings import building_of_room
-from warp_scanner.scenes import WALL
+from warp_scanner.buildings.room_buildings import building_of_room
+from warp_scanner.rooms.pairs import Pairs
+from warp_scanner.scenes.scenes import WALL
+from warp_scanner.sensors.poses import rotation_of
 
 OBSERVABLE = 0.2
 AT_ONCE = 16  # rooms, bounds the memory
@@ -218,9 +219,9 @@ def _truths(pairs: Pairs, row: int, change: int) -> list[Truth]:
 
 
 def main(model: Path, out: Path, rooms: int, case: str, only: list[str]) -> None:
-    models, trained = runs.load_models(model)
+    models, trained = model_files.load_models(model)
     config = condition_config(trained, case, rooms)
-    path = model / runs.MODELS if model.is_dir() else model
+    path = model / run_folder.MODELS if model.is_dir() else model
     begun = {"model": hashlib.sha256(path.read_bytes()).hexdigest(), "case": case, "rooms": rooms}
     told = out / "begun.json"
     if told.exists() and load_json(told) != begun:

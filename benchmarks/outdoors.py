@@ -15,18 +15,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.building_views import asked_for, kept_views, scanned, tell_views
-from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.inputs import InputError
-from jaxmm.judging import Judges
-from jaxmm.outdoors import is_outdoors
-from jaxmm.priors import Prior
-from jaxmm.verdicts import REMOVED, VERDICTS
-from warp_scanner.buildings import Triangles, bounds, join
-from warp_scanner.scenes import OTHER, PILLAR, WALL
-from warp_scanner.sense import rays_of
-from warp_scanner.sensors import Pinhole, Pose, sensor_named
-from warp_scanner.triangles import cast_triangles, prepare
+from jaxmm.learning.prediction import Judges
+from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.outdoors import is_outdoors
+from jaxmm.verdicts.priors import Prior
+from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.verdicts.verdicts import REMOVED, VERDICTS
+from warp_scanner.scenes.building import Triangles, bounds, join
+from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
+from warp_scanner.sensors.poses import Pose
+from warp_scanner.sensors.sense import rays_of
+from warp_scanner.sensors.sensors import Pinhole, sensor_named
+from warp_scanner.sensors.triangles import cast_triangles, prepare
 
 SENSORS = ("oak-d-pro-small", "oak-d-pro-small-real", "ouster-64", "ouster-64-real")
 GONE, LEAST_RAYS = 0.6, 0.01  # share of views in which something is gone; share of the rays that would meet it

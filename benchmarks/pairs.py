@@ -18,8 +18,8 @@ import numpy as np
 
 from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.config import Config, DataConfig, Table
-from jaxmm.generate import Request, generate
-from warp_scanner.pairs import PRESETS, PairConfig, make_pairs
+from jaxmm.data.generation import Request, generate
+from warp_scanner.rooms.pairs import PRESETS, PairConfig, make_pairs
 
 PAIRS, PEER_PAIRS = 64, 8
 PAIRS_IN_ALL = 2048  # of a data set

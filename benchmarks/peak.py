@@ -24,14 +24,14 @@ def main() -> int:
 
 def read(arguments: list[str]) -> tuple[int, int]:
     """Exit code and points of the scans in a file."""
-    from jaxmm.scan_files import read_scans
+    from jaxmm.formats.readers import read_scans
 
     return 0, sum(len(scan.points) for scan in read_scans(Path(arguments[0])))
 
 
 def detect(arguments: list[str]) -> tuple[int, int]:
     """Exit code of the command, and the points that its report counts."""
-    from jaxmm import cli
+    from jaxmm.commands import cli
     from jaxmm.files import load_json
 
     code = cli.main(["detect", *arguments])

@@ -17,24 +17,24 @@ import numpy as np
 
 from benchmarks.building_views import asked_for, kept_views, scanned, tell_views
 from benchmarks.detection_scores import share_of
-from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans, look_at
-from jaxmm.hanging import without_hanging
-from jaxmm.hindsight import APART
 from jaxmm.inputs import InputError
-from jaxmm.judging import Judges
-from jaxmm.priors import Prior
-from jaxmm.remaining import filling
-from jaxmm.scan_rays import rays_of_scan
-from jaxmm.verdicts import PRESENT, REMOVED, STANDS, VerdictSettings, is_enough, verdicts_of
+from jaxmm.learning.prediction import Judges
+from jaxmm.rays.scan_rays import rays_of_scan
+from jaxmm.verdicts.behind_removed import filling
+from jaxmm.verdicts.detection import NamedScan, detect_scans, look_at
+from jaxmm.verdicts.hanging_openings import without_hanging
+from jaxmm.verdicts.priors import Prior
+from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.verdicts.standing_alone import APART
+from jaxmm.verdicts.verdicts import PRESENT, REMOVED, STANDS, VerdictSettings, is_enough, verdicts_of
 from warp_scanner import draws
-from warp_scanner.building_poses import draw_positions
-from warp_scanner.poses import Standing
-from warp_scanner.scan import Rays
-from warp_scanner.scenes import PILLAR, WALL
-from warp_scanner.sense import rays_of
-from warp_scanner.sensors import sensor_named
-from warp_scanner.triangles import cast_triangles
+from warp_scanner.buildings.positions import draw_positions
+from warp_scanner.rooms.standing import Standing
+from warp_scanner.scenes.scenes import PILLAR, WALL
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.sense import rays_of
+from warp_scanner.sensors.sensors import sensor_named
+from warp_scanner.sensors.triangles import cast_triangles
 
 SENSORS = ("oak-d-pro-small", "ouster-64")
 MISSING = 0.5  # share of the walls and columns that do not stand

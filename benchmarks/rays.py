@@ -16,11 +16,13 @@ import numpy as np
 
 from benchmarks.timing import Timing, measure_in_turns, write_report
 from warp_scanner import draws
-from warp_scanner.pinhole import cast_image, cast_image_slots
-from warp_scanner.rooms import RoomConfig, make_rooms
-from warp_scanner.scan import Rays, cast_rays, cast_slots
-from warp_scanner.scenes import BOX, GAP, Primitives, scene_mesh, take
-from warp_scanner.sensors import OAK_D_PRO, OAK_D_PRO_SMALL, Pinhole, Pose, Standing, draw_poses, rotation_of
+from warp_scanner.rooms.rooms import RoomConfig, make_rooms
+from warp_scanner.rooms.standing import Standing, draw_poses
+from warp_scanner.scenes.scenes import BOX, GAP, Primitives, scene_mesh, take
+from warp_scanner.sensors.pinhole import cast_image, cast_image_slots
+from warp_scanner.sensors.poses import Pose, rotation_of
+from warp_scanner.sensors.scan import Rays, cast_rays, cast_slots
+from warp_scanner.sensors.sensors import OAK_D_PRO, OAK_D_PRO_SMALL, Pinhole
 
 PRIMITIVES = (130, 170)  # rooms of about 150 primitives
 

@@ -15,14 +15,14 @@ import numpy as np
 
 from benchmarks.timing import write_report
 from jaxmm import detect
-from jaxmm.box_match import footprint, match_boxes
-from jaxmm.boxes import Box
-from jaxmm.detect_files import Reading
+from jaxmm.commands.detect_files import Reading
 from jaxmm.files import load_json
 from jaxmm.inputs import InputError
-from jaxmm.report import Detection, box_of
-from jaxmm.thesis import ThesisPair, find_pairs, read_pair
-from warp_scanner.sensors import Pinhole
+from jaxmm.learning.box_match import footprint, match_boxes
+from jaxmm.learning.boxes import Box
+from jaxmm.thesis.repository import ThesisPair, find_pairs, read_pair
+from jaxmm.verdicts.results import Detection, box_of
+from warp_scanner.sensors.sensors import Pinhole
 
 CAMERA = Pinhole(width=320, height=240, horizontal_fov=80.0, vertical_fov=60.0)
 APART = 0.5  # [m] between the points of two objects

@@ -26,16 +26,16 @@ import numpy as np
 from sklearn.metrics import roc_auc_score
 
 from benchmarks.detections import elements_of
-from jaxmm.building_sighting import sight
-from jaxmm.detect_files import read_judges
-from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.files import write_json
-from jaxmm.pools import normals_of
-from jaxmm.preprocess import nearest_distance
-from jaxmm.room_scans import RoomCase, room_cases
-from jaxmm.scan_rays import rays_of_scan
-from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.learning.prediction import read_judges
+from jaxmm.learning.preprocess import nearest_distance
+from jaxmm.rays.pools import normals_of
+from jaxmm.rays.scan_rays import rays_of_scan
+from jaxmm.runs.room_scans import RoomCase, room_cases
+from jaxmm.verdicts.building_evidence import sight
+from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
 
 VALIDATION_SEED, TEST_SEED = 2, 3

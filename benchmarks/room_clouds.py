@@ -6,9 +6,9 @@ from itertools import islice
 
 import numpy as np
 
-from warp_scanner.pairs import PairConfig, make_pairs
-from warp_scanner.points import points_of
-from warp_scanner.voxels import thin_clouds
+from warp_scanner.clouds.points import points_of
+from warp_scanner.clouds.voxels import thin_clouds
+from warp_scanner.rooms.pairs import PairConfig, make_pairs
 
 NOISE = 0.005  # [m] of the robot's ranges
 VOXEL = 0.1  # [m]

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.timing import measure_in_turns, write_report
-from warp_scanner.rooms import PRESETS, RoomConfig, make_rooms
-from warp_scanner.scenes import GAP, Primitives, take
+from warp_scanner.rooms.rooms import PRESETS, RoomConfig, make_rooms
+from warp_scanner.scenes.scenes import GAP, Primitives, take
 
 ROOMS, PEER_ROOMS = 4096, 128
 

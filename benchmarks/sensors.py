@@ -16,13 +16,12 @@ from typing import Any
 from benchmarks.detection_scores import LEAST_SHOWN, objects_of, share_of
 from benchmarks.detections import TEST_SEED, elements_of
 from jaxmm.config import SCENARIOS, UNCHANGED
-from jaxmm.detect_files import read_judges
-from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
 from jaxmm.files import load_json, write_json
-from jaxmm.judging import Judges
-from jaxmm.room_scans import RoomCase, room_cases
-from jaxmm.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.learning.prediction import Judges, read_judges
+from jaxmm.runs.room_scans import RoomCase, room_cases
+from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
 from warp_scanner.cores import worker_pool
 

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from jaxmm.batches import Batch
 from jaxmm.config import Config, NetworkConfig
+from jaxmm.learning.batches import Batch
 from warp_scanner.cores import core_count
 
 

@@ -20,9 +20,9 @@ import jax
 import numpy as np
 
 from benchmarks.timing import measure_in_turns, write_report
-from jaxmm.batches import Batch
 from jaxmm.config import Config
-from jaxmm.train import COMPILER_OPTIONS, init_all, train_step, train_step_all
+from jaxmm.learning.batches import Batch
+from jaxmm.learning.train_step import COMPILER_OPTIONS, init_all, train_step, train_step_all
 
 MODELS, CLOUDS = 4, 8
 CONFIG = Config()

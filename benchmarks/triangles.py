@@ -18,13 +18,15 @@ import numpy as np
 from benchmarks.rays import rooms_and_poses
 from benchmarks.timing import measure_in_turns, write_report
 from warp_scanner import draws
-from warp_scanner.building_files import read_building
-from warp_scanner.building_poses import draw_positions
-from warp_scanner.buildings import Triangles
-from warp_scanner.scan import Rays
-from warp_scanner.scenes import scene_mesh
-from warp_scanner.sensors import OAK_D_PRO_SMALL, Standing, rotation_of
-from warp_scanner.triangles import TriangleScene, cast_triangles, prepare
+from warp_scanner.buildings.files import read_building
+from warp_scanner.buildings.positions import draw_positions
+from warp_scanner.rooms.standing import Standing
+from warp_scanner.scenes.building import Triangles
+from warp_scanner.scenes.scenes import scene_mesh
+from warp_scanner.sensors.poses import rotation_of
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
+from warp_scanner.sensors.triangles import TriangleScene, cast_triangles, prepare
 
 VIEWS = 8
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from benchmarks.room_clouds import VOXEL, scanned_pairs
 from benchmarks.timing import measure_in_turns, write_report
-from jaxmm.preprocess import voxel_downsample
-from warp_scanner.voxels import thin_clouds
+from jaxmm.learning.preprocess import voxel_downsample
+from warp_scanner.clouds.voxels import thin_clouds
 
 THREADS = 2
 PEER = "Open3D voxel_down_sample (means)"

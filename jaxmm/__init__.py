@@ -1,8 +1,8 @@
 """What one robot scan says about a building model: added, removed, or simply not seen."""
 
-import importlib
 import os
-from typing import Any
+
+import lazy_loader
 
 from jaxmm.caches import cache_folder
 
@@ -10,9 +10,20 @@ from jaxmm.caches import cache_folder
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache_folder("jax")))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 
-
-def __getattr__(name: str) -> Any:
-    """`from jaxmm import detect`; found when asked for, for it loads JAX and Warp."""
-    if name == "detect":
-        return importlib.import_module("jaxmm.detect_files").detect
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# What users call, found when it is asked for: it loads JAX and Warp. Each room names some more.
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "commands.detect_files": ["Reading", "detect", "write_all"],
+        "commands.scanning": ["scan"],
+        "data.generation": ["generate"],
+        "formats.poses": ["parse_pose", "read_poses"],
+        "formats.readers": ["read_scans"],
+        "formats.writers": ["write_scan"],
+        "ifc.undo": ["revert"],
+        "runs.main_job": ["evaluate", "reproduce"],
+        "runs.training_stage": ["train"],
+        "verdicts.priors": ["read_prior"],
+        "verdicts.settings": ["DetectSettings"],
+    },
+)

@@ -2,7 +2,7 @@
 
 import sys
 
-from jaxmm.cli import main
+from jaxmm.commands.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

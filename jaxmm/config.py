@@ -216,7 +216,7 @@ class PaperConfig:
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """Everything a run needs. `scan` and `room` are for the simulator, and checked in jaxmm/simulator.py."""
+    """Everything a run needs. `scan` and `room` are the simulator's: jaxmm/data/simulator_settings.py checks them."""
 
     seed: int = bounded(0, 0, 2**31 - 1)  # of the models' initial weights, batches and dropout
     data: DataConfig = DataConfig()

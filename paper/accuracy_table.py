@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxmm.calibration import Reliability
-from jaxmm.figures import reliability_curves
+from jaxmm.learning.calibration import Reliability
+from jaxmm.reports.figures import reliability_curves
 
 DRAWN, KINDS = ("unfiltered", "real_sensor"), ("clean", "occluded")
 METHODS = ("nn-raw", "rule", "evidence")

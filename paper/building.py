@@ -15,17 +15,18 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 
-from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN, GREY, ORANGE, PALE, save, styled
-from warp_scanner import scenes
-from warp_scanner.building_files import read_building
-from warp_scanner.building_pairs import BuildingPairConfig, make_building_pairs
-from warp_scanner.building_poses import check_position
-from warp_scanner.buildings import Building, bounds
-from warp_scanner.pairs import Pairs
-from warp_scanner.scan import Rays, Scan
-from warp_scanner.scenarios import SCENARIOS
-from warp_scanner.sensors import Pinhole, Pose, Spinning, rotation_of
-from warp_scanner.triangles import TriangleScene, cast_triangles, prepare
+from jaxmm.reports.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN, GREY, ORANGE, PALE, save, styled
+from warp_scanner.buildings.files import read_building
+from warp_scanner.buildings.pairs import BuildingPairConfig, make_building_pairs
+from warp_scanner.buildings.positions import check_position
+from warp_scanner.rooms.pairs import Pairs
+from warp_scanner.rooms.scenarios import SCENARIOS
+from warp_scanner.scenes import scenes
+from warp_scanner.scenes.building import Building, bounds
+from warp_scanner.sensors.poses import Pose, rotation_of
+from warp_scanner.sensors.scan import Rays, Scan
+from warp_scanner.sensors.sensors import Pinhole, Spinning
+from warp_scanner.sensors.triangles import TriangleScene, cast_triangles, prepare
 
 CUT = 0.3  # [m] above the sensor, where the plan looks down from
 UNDER = 0.05  # [m] a wall that ends this little below a floor's surface stands on it

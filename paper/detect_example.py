@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from jaxmm.boxes import sentence
 from jaxmm.config import SCENES
 from jaxmm.files import write_json
-from jaxmm.room_scans import room_cases, true_boxes
-from warp_scanner.ifc_rooms import write_room
-from warp_scanner.sensors import OAK_D_PRO
+from jaxmm.learning.boxes import sentence
+from jaxmm.runs.room_scans import room_cases, true_boxes
+from warp_scanner.buildings.room_ifc import write_room
+from warp_scanner.sensors.sensors import OAK_D_PRO
 
 SEED = 41  # of no training, validation or test
 

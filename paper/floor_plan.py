@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon
 
-from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN
-from warp_scanner.scenarios import Scenes
-from warp_scanner.scenes import CEILING, CYLINDER, FLOOR, GAP, Primitives, is_structure
-from warp_scanner.sensors import Sensor
+from jaxmm.reports.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN
+from warp_scanner.rooms.scenarios import Scenes
+from warp_scanner.scenes.scenes import CEILING, CYLINDER, FLOOR, GAP, Primitives, is_structure
+from warp_scanner.sensors.sensors import Sensor
 
 STRUCTURE_FILL, FURNITURE_FILL = "#8A8A8A", "#E9DCC3"
 CHANGE_FILL = {1: COLOR_ADDED, -1: COLOR_REMOVED}

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxmm.figures import save, styled
 from jaxmm.files import load_json
+from jaxmm.reports.figures import save, styled
 
 KINDS = (("pillar", "added"), ("pillar", "removed"), ("wall", "added"), ("wall", "removed"))
 STYLES = {("pillar", "added"): ("#0072B2", "o-"), ("pillar", "removed"): ("#D55E00", "o--"),

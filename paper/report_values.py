@@ -10,14 +10,14 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from jaxmm.box_match import MAX_DISTANCE, MIN_OVERLAP
-from jaxmm.evidence import FEATURES
 from jaxmm.files import load_json
 from jaxmm.inputs import InputError
-from jaxmm.paper_sweeps import as_markdown as study_as_markdown
-from jaxmm.paper_tables import BEHIND, not_best
-from jaxmm.paper_thesis import as_markdown as thesis_as_markdown
-from jaxmm.tables import all_reported
+from jaxmm.learning.box_match import MAX_DISTANCE, MIN_OVERLAP
+from jaxmm.learning.result_tables import all_reported
+from jaxmm.rays.evidence import FEATURES
+from jaxmm.runs.paper.sweeps import as_markdown as study_as_markdown
+from jaxmm.runs.paper.tables import BEHIND, not_best
+from jaxmm.runs.paper.thesis_scans import as_markdown as thesis_as_markdown
 
 ROOMS = "generated rooms"
 FIXED = ("nn-raw", "rule", "evidence")  # methods of every row; the fourth is the row's network

@@ -11,10 +11,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from jaxmm import runs
+from jaxmm import run_folder
 from jaxmm.files import load_arrays, load_json, write_json, write_text
 from jaxmm.inputs import InputError
-from jaxmm.stages import STAGE, STAGES
+from jaxmm.runs.stages import STAGE, STAGES
 
 TABLES = ("table_1", "label_noise", "studies", "thesis_scans")  # the last only where the thesis's data was there
 NEEDED = TABLES[:-1]
@@ -27,8 +27,8 @@ def collect(run: Path, out: Path) -> None:
     Raises:
         InputError: the run has not been finished.
     """
-    if not (run / runs.CONFIG).is_file():
-        raise InputError(f"{run}: expected a run folder with {runs.CONFIG}, found none")
+    if not (run / run_folder.CONFIG).is_file():
+        raise InputError(f"{run}: expected a run folder with {run_folder.CONFIG}, found none")
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: expected a folder, found a file")
     if missing := [name for name in NEEDED if not (run / f"{name}.json").is_file()]:
@@ -40,7 +40,7 @@ def collect(run: Path, out: Path) -> None:
             write_text(out / f"{name}.json", _row_by_row(load_json(run / f"{name}.json")))
             for kind in ("csv", "md"):
                 write_text(out / f"{name}.{kind}", (run / f"{name}.{kind}").read_text(encoding="utf-8"))
-    write_text(out / runs.CONFIG, (run / runs.CONFIG).read_text(encoding="utf-8"))
+    write_text(out / run_folder.CONFIG, (run / run_folder.CONFIG).read_text(encoding="utf-8"))
     write_json(out / RUN, facts)
 
 
@@ -64,7 +64,7 @@ def told(run: Path) -> dict[str, Any]:
     clouds = [load_arrays(path)["count"] for path in sorted(stages.glob("clouds/data/train_*.npz"))]
     return {
         "date": date,
-        "versions": load_json(run / runs.VERSIONS),
+        "versions": load_json(run / run_folder.VERSIONS),
         "networks": len(load_json(stages / "models" / "entries.json")),
         "training_clouds": sum(map(len, clouds)),
         "test_scenes": sum(map(len, scenes)),

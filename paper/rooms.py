@@ -10,11 +10,11 @@ from matplotlib.colors import hsv_to_rgb, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN, save, styled
+from jaxmm.reports.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN, save, styled
 from paper.floor_plan import FURNITURE_FILL, draw_floor_plan
-from warp_scanner.pairs import PRESETS, Pairs, make_pairs
-from warp_scanner.scenarios import Scenes, make_scenes
-from warp_scanner.sensors import Pinhole
+from warp_scanner.rooms.pairs import PRESETS, Pairs, make_pairs
+from warp_scanner.rooms.scenarios import Scenes, make_scenes
+from warp_scanner.sensors.sensors import Pinhole
 
 SENSOR = Pinhole(320, 200)
 SAMPLES = {"thesis": (3, 8), "varied": (1, 4, 38, 11)}  # room numbers

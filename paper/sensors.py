@@ -14,16 +14,18 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from jaxmm.figures import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION, save, styled
-from warp_scanner import draws, scenes
-from warp_scanner.imperfections import imperfect
-from warp_scanner.points import points_of
-from warp_scanner.poses import Pose, Standing, draw_poses, rotation_of
-from warp_scanner.rooms import RoomConfig, make_rooms
-from warp_scanner.scan import Rays, Scan, cast_rays, cast_slots
-from warp_scanner.scenes import Primitives
-from warp_scanner.sensors import sensor_named
-from warp_scanner.surface import incidence_of, normals_of
+from jaxmm.reports.figures import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION, save, styled
+from warp_scanner import draws
+from warp_scanner.clouds.points import points_of
+from warp_scanner.rooms.rooms import RoomConfig, make_rooms
+from warp_scanner.rooms.standing import Standing, draw_poses
+from warp_scanner.scenes import scenes
+from warp_scanner.scenes.scenes import Primitives
+from warp_scanner.sensors.imperfections import imperfect
+from warp_scanner.sensors.poses import Pose, rotation_of
+from warp_scanner.sensors.scan import Rays, Scan, cast_rays, cast_slots
+from warp_scanner.sensors.sensors import sensor_named
+from warp_scanner.sensors.surface import incidence_of, normals_of
 
 SEED, ROOM_NUMBER = 21, 85  # one where the camera looks away from the reader, so that what it sees can be seen
 SENSOR_HEIGHT = 1.2  # [m]

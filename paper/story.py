@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
-from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_HIDDEN, COLOR_REMOVED, GREEN, GREY, PALE, save, styled
+from jaxmm.reports.figures import BLACK, COLOR_ADDED, COLOR_HIDDEN, COLOR_REMOVED, GREEN, GREY, PALE, save, styled
 
 WIDTH, HEIGHT = 12.8, 7.5  # [inch]; every position of the page below is in inches too
 COLUMN, BOX_WIDTH, BOX_HEIGHT = 1.57, 1.36, 0.86

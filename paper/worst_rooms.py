@@ -12,24 +12,26 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxmm import evaluate, pipeline, runs
-from jaxmm.batches import labels_of
+from jaxmm import run_folder
 from jaxmm.config import CONDITIONS, SCENARIOS
-from jaxmm.room_figures import ScoredCloud, room_report
-from jaxmm.simulator import CloudSource
+from jaxmm.data import labelled_rooms
+from jaxmm.data.simulator_settings import CloudSource
+from jaxmm.learning import model_files, room_scores
+from jaxmm.learning.batches import labels_of
+from jaxmm.reports.room_figures import ScoredCloud, room_report
 from jaxmm.weights import DEFAULT
 
 METHOD = "evidence"
 
 
 def main(folder: Path, model: Path, out: Path, count: int) -> None:
-    config = runs.read_config(folder)
-    models, _ = runs.load_models(model)
+    config = run_folder.read_config(folder)
+    models, _ = model_files.load_models(model)
     out.mkdir(parents=True, exist_ok=True)
     for place, (precision, auc, scenario, condition, room) in enumerate(_ranked(folder)[:count], start=1):
         source = CloudSource(scenario, scenario, condition, config.data.test_seed)
-        ((cloud, _),) = pipeline.clouds(config, source, np.array([room]))
-        score = evaluate.scores_of(cloud, scenario, models, config.network)[METHOD]
+        ((cloud, _),) = labelled_rooms.clouds(config, source, np.array([room]))
+        score = room_scores.scores_of(cloud, scenario, models, config.network)[METHOD]
         label, void = labels_of(cloud, "true")
         scored = ScoredCloud(cloud.points[~void], score[~void], label[~void])
         told = (

@@ -93,7 +93,7 @@ def data_root() -> Path:
 @pytest.fixture(scope="session")
 def judges():
     """The models that are shipped."""
-    from jaxmm.detect_files import read_judges
+    from jaxmm.learning.prediction import read_judges
     from jaxmm.weights import DEFAULT
 
     return read_judges(DEFAULT)
@@ -103,7 +103,7 @@ def judges():
 def real_building(data_root):
     """real_building(name) -> the building in that file of ifc/, read once for all tests; skips without ifcopenshell."""
     pytest.importorskip("ifcopenshell")
-    from warp_scanner.building_files import read_building
+    from warp_scanner.buildings.files import read_building
 
     return functools.cache(lambda name: read_building(data_root / "ifc" / f"{name}.ifc"))
 
@@ -120,7 +120,7 @@ def tiny_config(tmp_path_factory) -> Path:
 def finished_run(tiny_config, tmp_path_factory) -> Path:
     """Run folder that an undisturbed `jaxmm reproduce` of the tiny settings wrote; read it, do not write to it."""
     folder = tmp_path_factory.mktemp("runs") / "tiny"
-    command = [sys.executable, "-m", "jaxmm.cli", "reproduce", tiny_config, "--out", folder]
+    command = [sys.executable, "-m", "jaxmm", "reproduce", tiny_config, "--out", folder]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     (folder.parent / "stdout").write_text(done.stdout)
@@ -131,7 +131,7 @@ def finished_run(tiny_config, tmp_path_factory) -> Path:
 @pytest.fixture
 def said(capsys):
     """said(*arguments) -> exit code and the lines on standard error of one command, run in this process."""
-    from jaxmm import cli
+    from jaxmm.commands import cli
 
     def run(*arguments):
         try:
@@ -160,7 +160,7 @@ def refused(said):
 @pytest.fixture(scope="session")
 def removed(tmp_path_factory):
     """A pillar and a wall are gone: what is true of a room, as a detection."""
-    from detections import true_case
+    from tests.cases.detections import true_case
 
     return true_case(tmp_path_factory.mktemp("removed")).detection
 
@@ -168,6 +168,6 @@ def removed(tmp_path_factory):
 @pytest.fixture(scope="session")
 def added(tmp_path_factory):
     """A pillar is new."""
-    from detections import true_case
+    from tests.cases.detections import true_case
 
     return true_case(tmp_path_factory.mktemp("added"), "pillar_added").detection

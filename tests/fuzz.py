@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.damage import damaged
-from tests.valid_files import MODELS, PRIORS, SCANS
+from tests.cases.damage import damaged
+from tests.cases.valid_files import MODELS, PRIORS, SCANS
 from warp_scanner.cores import core_count
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,7 +35,7 @@ GUARDED = ("ifc2x3", "ifc4")  # in a process of their own; here without it, as s
 def reader_of(name: str, guarded: bool) -> Callable[[Path], None]:
     """Reads a file and checks that what is accepted is as promised."""
     if name in SCANS:
-        from jaxmm.scan_files import read_scans
+        from jaxmm.formats.readers import read_scans
 
         def read(path: Path) -> None:
             for scan in read_scans(path):
@@ -43,15 +43,15 @@ def reader_of(name: str, guarded: bool) -> Callable[[Path], None]:
                 assert np.isfinite(scan.points).all(), "points that are not finite"
 
     elif name in MODELS:
-        from jaxmm.runs import load_models
+        from jaxmm.learning.model_files import load_models
 
         def read(path: Path) -> None:
             load_models(path)
 
     else:
-        from warp_scanner.building_files import read_building
-        from warp_scanner.buildings import AS_IT_IS
-        from warp_scanner.ifc_files import parse_ifc
+        from warp_scanner.buildings.files import read_building
+        from warp_scanner.buildings.ifc_files import parse_ifc
+        from warp_scanner.scenes.building import AS_IT_IS
 
         def read(path: Path) -> None:
             building = parse_ifc(path, AS_IT_IS) if name in GUARDED and not guarded else read_building(path)

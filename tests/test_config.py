@@ -7,22 +7,14 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from jaxmm import runs, simulator
-from jaxmm.config import (
-    CONDITIONS,
-    MULTI_SCENARIOS,
-    SCENARIOS,
-    SCENES,
-    Config,
-    ConfigError,
-    NetworkConfig,
-    load,
-    parse,
-)
-from jaxmm.shards import MOST_CHANGES
-from warp_scanner import scenarios, scenes
-from warp_scanner.pairs import PRESETS
-from warp_scanner.sensors import OAK_D_PRO, Pinhole, sensor_named
+from jaxmm import run_folder
+from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, SCENES, Config, ConfigError, NetworkConfig, load, parse
+from jaxmm.data import simulator_settings
+from jaxmm.learning.shards import MOST_CHANGES
+from warp_scanner.rooms import scenarios
+from warp_scanner.rooms.pairs import PRESETS
+from warp_scanner.scenes import scenes
+from warp_scanner.sensors.sensors import OAK_D_PRO, Pinhole, sensor_named
 
 FOLDER = Path(__file__).resolve().parents[1] / "configs"
 SECTIONS = ("data", "scan", "preprocess", "network", "loss", "train", "evaluate")
@@ -41,7 +33,7 @@ def test_an_empty_file_gives_the_thesis_settings():
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_configs_are_valid_and_open_with_how_to_run_them(path):
-    simulator.load_config(path)
+    simulator_settings.load_config(path)
     opening = path.read_text().partition("\n\n")[0]
     assert opening.startswith("#") and re.search(rf"jaxmm (reproduce|generate|train) configs/{path.name}", opening)
 
@@ -59,7 +51,7 @@ def test_a_file_changes_what_it_names_and_nothing_else():
 def test_settings_written_to_a_run_folder_read_back_equal():
     text = "seed = 3\n[room]\nsize = [8.0, 9.0, 3.0]\nwall_count_x = [1, 1]\n[network]\nencoder = [4]\ndropout = 0\n"
     for config in (Config(), parse(text, "some.toml")):
-        assert parse(tomli_w.dumps(runs.as_table(config)), "again.toml") == config
+        assert parse(tomli_w.dumps(run_folder.as_table(config)), "again.toml") == config
 
 
 @pytest.mark.parametrize(
@@ -159,7 +151,7 @@ def test_bad_room_settings_are_refused_too(tmp_path, text, words):
     path = tmp_path / "bad.toml"
     path.write_text(text)
     with pytest.raises(ConfigError) as caught:
-        simulator.load_config(path)
+        simulator_settings.load_config(path)
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
     for word in words:
         assert word in str(caught.value)
@@ -184,26 +176,26 @@ def test_the_scan_table_sets_preset_sensor_and_every_field_of_a_pair():
     wall_count_x = [1, 1]
     """
     config = parse(text, "some.toml")
-    source = simulator.CloudSource("wall_added", "all_four", "occluded", 5)
-    pair = simulator.pair_config(config, source)
+    source = simulator_settings.CloudSource("wall_added", "all_four", "occluded", 5)
+    pair = simulator_settings.pair_config(config, source)
     start = PRESETS["varied"]
     assert (pair.seed, pair.scenario, pair.condition) == (5, "all_four", "occluded")
     assert (pair.sensor_height, pair.position_error, pair.prior_furniture) == (1.4, 0.02, "moved")
     assert pair.sensor_pitch_spread == start.sensor_pitch_spread  # what the file does not name is the preset's
     assert pair.room == dataclasses.replace(start.room, wall_count_x=(1, 1))
     assert pair.sensor.shape == (8, 90) and pair.sensor.imperfections.class_dropout == ((scenes.DOOR, 0.5),)
-    again = parse(tomli_w.dumps(runs.as_table(config)), "again.toml")
+    again = parse(tomli_w.dumps(run_folder.as_table(config)), "again.toml")
     assert again == config and hash(again) == hash(config)
 
 
 def test_the_default_scan_is_the_thesis_preset():
-    source = simulator.CloudSource("pillar_added", "pillar_added", "clean", 3)
-    assert simulator.pair_config(Config(), source) == dataclasses.replace(PRESETS["thesis"], seed=3)
+    source = simulator_settings.CloudSource("pillar_added", "pillar_added", "clean", 3)
+    assert simulator_settings.pair_config(Config(), source) == dataclasses.replace(PRESETS["thesis"], seed=3)
     small = parse("[scan]\nwidth = 64\nheight = 40\n", "small.toml")
-    assert simulator.pair_config(small, source).sensor == Pinhole(64, 40, range_limits=OAK_D_PRO.range_limits)
+    assert simulator_settings.pair_config(small, source).sensor == Pinhole(64, 40, range_limits=OAK_D_PRO.range_limits)
     real = parse("[scan]\nsensor = 'velodyne-16-real'\n", "real.toml")
-    assert simulator.pair_config(real, source).sensor == sensor_named("velodyne-16-real")
-    assert "noise 0.015" in simulator.errors_of(real) and simulator.errors_of(small) == "none"
+    assert simulator_settings.pair_config(real, source).sensor == sensor_named("velodyne-16-real")
+    assert "noise 0.015" in simulator_settings.errors_of(real) and simulator_settings.errors_of(small) == "none"
 
 
 def test_scenarios_have_the_names_of_the_simulator():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tests.damage import damaged
+from tests.cases.damage import damaged
+from tests.cases.valid_files import MODELS, PRIORS, SCANS, crc32c
 from tests.fuzz import run
-from tests.valid_files import MODELS, PRIORS, SCANS, crc32c
 
 COUNT = 200
 LIBRARIES = {"pcd": "pypcd4", "e57": "pye57", "las": "laspy", "laz": "lazrs", "ifc": "ifcopenshell"}

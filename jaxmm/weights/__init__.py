@@ -3,3 +3,4 @@
 from pathlib import Path
 
 DEFAULT = Path(__file__).with_name("default.safetensors")
+OBJECTS = Path(__file__).with_name("objects.safetensors")  # the judge of objects

@@ -15,14 +15,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from jaxmm import runs
-from jaxmm.boxes import Box, BoxSettings, fit_boxes
-from jaxmm.figures import save, styled
+from jaxmm import run_folder
 from jaxmm.files import load_json
 from jaxmm.inputs import InputError
-from jaxmm.paper_models import load_networks
-from jaxmm.paper_rows import ROOMS, TestScenes
-from jaxmm.stages import STAGES
+from jaxmm.learning.boxes import Box, BoxSettings, fit_boxes
+from jaxmm.reports.figures import save, styled
+from jaxmm.runs.paper.models import load_networks
+from jaxmm.runs.paper.rows import ROOMS, TestScenes
+from jaxmm.runs.stages import STAGES
 from paper.figures.examples import example_of
 from paper.figures.network_rooms import Asked, Found, first_room
 from paper.figures.origin import made
@@ -67,7 +67,7 @@ ASKED = Asked(TestScenes(ROOMS, "pillar_and_wall_added", "occluded"), "wall_adde
 @styled
 def draw(run: Path, path: Path) -> Figure:
     """Twelve panels."""
-    config = runs.read_config(run)
+    config = run_folder.read_config(run)
     figure = Figure((17.0, 12.5), layout="constrained")
     pieces = first_room(config, load_networks(run), ASKED, _merged)
     for axes, case in zip(figure.subplots(3, 4).ravel(), CASES, strict=True):

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from sklearn import metrics
 
 from jaxmm.config import CONDITIONS
-from jaxmm.figures import save, styled
-from jaxmm.room_figures import ScoredCloud
+from jaxmm.reports.figures import save, styled
+from jaxmm.reports.room_figures import ScoredCloud
 from paper.figures.examples import example_of
 from paper.figures.panels import COLORS, METHODS, Place, command, grid, inside, titled
 

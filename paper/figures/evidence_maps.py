@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from jaxmm.evidence import FRACTIONS
-from jaxmm.figures import BLACK, BLUE, GREY, PALE, VERMILLION, save, styled
-from jaxmm.room_figures import marker_area, room_axes
+from jaxmm.rays.evidence import FRACTIONS
+from jaxmm.reports.figures import BLACK, BLUE, GREY, PALE, VERMILLION, save, styled
+from jaxmm.reports.room_figures import marker_area, room_axes
 from paper.figures.examples import example_of
 from paper.figures.panels import Place, command, inside, judged, page, titled
 

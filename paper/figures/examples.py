@@ -12,19 +12,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm import runs
+from jaxmm import run_folder
 from jaxmm.config import SCENARIOS, Config
-from jaxmm.evidence import FEATURES
-from jaxmm.figures import Curves, curves_from_records
+from jaxmm.data.labelled_rooms import pairs_of
+from jaxmm.data.simulator_settings import CloudSource
 from jaxmm.files import load_arrays, load_json
-from jaxmm.paper_models import ENTRIES, MODELS
-from jaxmm.pipeline import pairs_of
-from jaxmm.room_figures import ScoredCloud
-from jaxmm.simulator import CloudSource
-from jaxmm.stages import STAGES, stage_folder
+from jaxmm.rays.evidence import FEATURES
+from jaxmm.reports.figures import Curves, curves_from_records
+from jaxmm.reports.room_figures import ScoredCloud
+from jaxmm.runs.paper.models import ENTRIES, MODELS
+from jaxmm.runs.stages import STAGES, stage_folder
 from paper.figures.origin import made
-from warp_scanner.pairs import Pairs
-from warp_scanner.points import points_of
+from warp_scanner.clouds.points import points_of
+from warp_scanner.rooms.pairs import Pairs
 
 EXAMPLE = "example.npz"
 
@@ -81,7 +81,7 @@ def training_curves(run: Path, training: str) -> Curves:
     """
     folder = stage_folder(run, MODELS)
     entries = load_json(folder / ENTRIES)
-    curves = curves_from_records(runs.read_records(folder), "joint", entries)
+    curves = curves_from_records(run_folder.read_records(folder), "joint", entries)
     own = [entries.index(f"{training}/{scenario}") for scenario in SCENARIOS]
     values = {name: value[:, own] for name, value in curves._asdict().items() if np.ndim(value) == 2}
     return curves._replace(scenarios=SCENARIOS, **values)
@@ -107,7 +107,7 @@ class RawPair(NamedTuple):
 
 def raw_pair(run: Path, scenario: str, condition: str, room: int) -> RawPair:
     """Scan a test room of a run again: the same rays, before anything was done to them."""
-    config = runs.read_config(run)
+    config = run_folder.read_config(run)
     if config.preprocess.evidence != "none":
         config = dataclasses.replace(config, preprocess=dataclasses.replace(config.preprocess, evidence="none"))
     source = CloudSource(scenario, scenario, condition, config.data.test_seed)

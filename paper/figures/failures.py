@@ -14,21 +14,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxmm import runs
-from jaxmm.box_match import box_overlap, footprint, match_boxes
-from jaxmm.boxes import Box
+from jaxmm import run_folder
 from jaxmm.config import Config
-from jaxmm.detect_files import read_judges
-from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
-from jaxmm.figures import save, styled
-from jaxmm.judging import Judges
-from jaxmm.paper_models import load_networks
-from jaxmm.paper_rows import ROOMS, TestScenes
-from jaxmm.paper_scenes import with_scan
-from jaxmm.report import box_of
-from jaxmm.room_scans import RoomCase, cases_of, true_boxes
-from jaxmm.simulator import CloudSource, pair_config
+from jaxmm.data.simulator_settings import CloudSource, pair_config
+from jaxmm.learning.box_match import box_overlap, footprint, match_boxes
+from jaxmm.learning.boxes import Box
+from jaxmm.learning.prediction import Judges, read_judges
+from jaxmm.reports.figures import save, styled
+from jaxmm.runs.paper.models import load_networks
+from jaxmm.runs.paper.rows import ROOMS, TestScenes
+from jaxmm.runs.paper.scenes import with_scan
+from jaxmm.runs.room_scans import RoomCase, cases_of, true_boxes
+from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.results import box_of
+from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT
 from paper.figures.network_rooms import TRIED, Asked, Found, first_room
 from paper.figures.panels import command
@@ -85,7 +84,7 @@ FAILURES = (
 @styled
 def draw(run: Path, path: Path) -> Figure:
     """Above the thesis's way, below ours, seen from above."""
-    config, networks, judges = runs.read_config(run), load_networks(run), read_judges(DEFAULT)
+    config, networks, judges = run_folder.read_config(run), load_networks(run), read_judges(DEFAULT)
     figure = Figure((4.0 * len(FAILURES), 9.5), layout="constrained")
     grid = figure.subplots(2, len(FAILURES), squeeze=False)
     for column, failure in enumerate(FAILURES):

@@ -9,7 +9,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from jaxmm.figures import save, styled
+from jaxmm.reports.figures import save, styled
 from paper.figures.examples import example_of
 from paper.figures.panels import BY_METHOD, METHODS, Place, command, dots, grid, inside, judged, room_panel, titled
 

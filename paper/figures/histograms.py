@@ -7,8 +7,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from jaxmm.figures import save, styled
-from jaxmm.room_figures import THRESHOLD, draw_histogram
+from jaxmm.reports.figures import save, styled
+from jaxmm.reports.room_figures import THRESHOLD, draw_histogram
 from paper.figures.examples import example_of
 from paper.figures.panels import BY_METHOD, METHODS, Place, command, grid, inside, titled
 

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 
-from jaxmm.figures import save, styled
-from jaxmm.room_figures import room_axes
+from jaxmm.reports.figures import save, styled
+from jaxmm.reports.room_figures import room_axes
 from paper.figures.examples import example_of, raw_pair
 from paper.figures.panels import Place, command, dots, few, inside, judged, page, titled
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxmm.figures import BLACK, BLUE, GREY, VERMILLION, save, styled
-from jaxmm.labels import heuristic_labels
-from jaxmm.runs import read_config
+from jaxmm.learning.labels import heuristic_labels
+from jaxmm.reports.figures import BLACK, BLUE, GREY, VERMILLION, save, styled
+from jaxmm.run_folder import read_config
 from paper.figures.examples import Example, example_of
 from paper.figures.panels import Place, command, dots, grid, inside, judged, key, room_panel, titled
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from jaxmm.figures import loss_curves
+from jaxmm.reports.figures import loss_curves
 from paper.figures.panels import command, draw_training
 
 

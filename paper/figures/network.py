@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 from jaxmm.config import TRAINED_METHODS, NetworkConfig
-from jaxmm.figures import BLACK, GREY, PALE, save, styled
-from jaxmm.runs import read_config
+from jaxmm.reports.figures import BLACK, GREY, PALE, save, styled
+from jaxmm.run_folder import read_config
 from paper.figures.panels import command
 
 FILLS = {"data": "#F1F1F1", "layer": "#E3EFF8", "summary": "#FBE9D3", "head": "#E2F3EC"}

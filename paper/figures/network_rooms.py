@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.batches import features_of
-from jaxmm.boxes import Box, BoxSettings, fit_boxes
 from jaxmm.config import Config
-from jaxmm.evaluate import predict
-from jaxmm.paper_rows import TRAININGS, TestScenes
-from jaxmm.paper_scenes import room_scenes
-from jaxmm.train import Model
+from jaxmm.learning.batches import features_of
+from jaxmm.learning.boxes import Box, BoxSettings, fit_boxes
+from jaxmm.learning.room_scores import predict
+from jaxmm.learning.train_step import Model
+from jaxmm.runs.paper.rows import TRAININGS, TestScenes
+from jaxmm.runs.paper.scenes import room_scenes
 
 TRIED = 100  # test rooms before something counts as not found
 

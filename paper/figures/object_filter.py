@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxmm.figures import BLACK, GREY, ORANGE, VERMILLION, save, styled
-from jaxmm.preprocess import object_filter
+from jaxmm.learning.preprocess import object_filter
+from jaxmm.reports.figures import BLACK, GREY, ORANGE, VERMILLION, save, styled
 from paper.figures.examples import RawPair, example_of, raw_pair
 from paper.figures.panels import Place, command, dots, few, grid, inside, key, room_panel, titled
-from warp_scanner.scenes import STRUCTURE
+from warp_scanner.scenes.scenes import STRUCTURE
 
 BEFORE, AFTER = "before", "after"
 COLORS = {

@@ -9,7 +9,7 @@ from pathlib import Path
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from jaxmm import runs
+from jaxmm import run_folder
 from jaxmm.files import load_json, write_atomically
 from jaxmm.inputs import InputError
 from paper.results import RUN, date_of
@@ -26,13 +26,13 @@ def origin_of(run: Path) -> dict[str, str]:
     Raises:
         InputError: it is neither.
     """
-    if runs.read_config(run).paper.rows != "all":
+    if run_folder.read_config(run).paper.rows != "all":
         raise InputError(f"{run}: expected a run of the paper, found one of another kind; {MAKER}")
     if (run / RUN).is_file():
         told = load_json(run / RUN)
         versions, date = told.get("versions", {}), told.get("date")
     else:
-        versions = load_json(run / runs.VERSIONS) if (run / runs.VERSIONS).is_file() else {}
+        versions = load_json(run / run_folder.VERSIONS) if (run / run_folder.VERSIONS).is_file() else {}
         date = date_of(run)
     found = {"run_commit": versions.get("git_commit"), "run_date": date}
     return {name: value for name, value in found.items() if value}

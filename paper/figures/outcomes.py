@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from jaxmm.figures import BLACK, GREEN, PALE, VERMILLION, save, styled
-from jaxmm.room_figures import THRESHOLD, ScoredCloud, marker_area
+from jaxmm.reports.figures import BLACK, GREEN, PALE, VERMILLION, save, styled
+from jaxmm.reports.room_figures import THRESHOLD, ScoredCloud, marker_area
 from paper.figures.examples import example_of
 from paper.figures.panels import BY_METHOD, METHODS, Place, command, dots, grid, inside, room_panel, titled
 

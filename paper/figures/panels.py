@@ -17,9 +17,9 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
 from jaxmm.config import CONDITIONS, SCENARIOS
-from jaxmm.figures import BLUE, GREY, ORANGE, VERMILLION
 from jaxmm.inputs import InputError
-from jaxmm.room_figures import marker_area, room_axes
+from jaxmm.reports.figures import BLUE, GREY, ORANGE, VERMILLION
+from jaxmm.reports.room_figures import marker_area, room_axes
 from paper.figures.examples import training_curves
 from paper.figures.origin import mark, origin_of
 
@@ -108,7 +108,7 @@ def draw_training(run: Path, path: Path, curves: Callable[..., Figure], what: st
     Args:
         run: run folder.
         path: image to write.
-        curves: `loss_curves` or `validation_curves` of jaxmm.figures.
+        curves: `loss_curves` or `validation_curves` of jaxmm.reports.figures.
         what: they show.
     """
     title = f"{what} of the thesis networks (coordinates and distance, augmented)"

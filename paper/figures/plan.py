@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 
-from jaxmm.box_match import footprint
-from jaxmm.boxes import Box
-from jaxmm.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN, PALE
+from jaxmm.learning.box_match import footprint
+from jaxmm.learning.boxes import Box
+from jaxmm.reports.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, GREEN, PALE
 
 TRUE, TRUE_EDGE = "#F0E442", "#8A7F00"  # of what really changed; told from the outlines by lightness alone
 REMOVED_LINE = (0, (4, 1.5))  # dashes, so that colour is not needed

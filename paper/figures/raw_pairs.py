@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxmm.figures import save, styled
+from jaxmm.reports.figures import save, styled
 from paper.figures.examples import example_of, raw_pair
 from paper.figures.panels import SCANS, Place, command, draw_both, inside, key, page, titled
 

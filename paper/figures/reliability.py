@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxmm.calibration import brier, calibration_error
 from jaxmm.config import CONDITIONS, SCENARIOS
-from jaxmm.evaluate import reliability_of
-from jaxmm.figures import GREY, save, styled
 from jaxmm.files import load_json
-from jaxmm.stages import STAGES
+from jaxmm.learning.calibration import brier, calibration_error
+from jaxmm.learning.room_scores import reliability_of
+from jaxmm.reports.figures import GREY, save, styled
+from jaxmm.runs.stages import STAGES
 from paper.figures.origin import made
 from paper.figures.panels import COLORS, command
 

@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from jaxmm.figures import BLACK, save, styled
-from jaxmm.runs import read_config
-from jaxmm.simulator import CloudSource, pair_config
+from jaxmm.data.simulator_settings import CloudSource, pair_config
+from jaxmm.reports.figures import BLACK, save, styled
+from jaxmm.run_folder import read_config
 from paper.figures.examples import example_of
 from paper.figures.panels import Place, command, inside, page, titled
 from paper.floor_plan import CHANGE_FILL, FURNITURE_FILL, STRUCTURE_FILL, VIEW, draw_floor_plan
-from warp_scanner.scenarios import make_scenes
+from warp_scanner.rooms.scenarios import make_scenes
 
 MARGIN = 0.3  # [m] beside the room
 BEYOND = 1.0  # [m] of the view behind the middle of what changed

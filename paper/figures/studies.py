@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxmm.figures import save, styled
 from jaxmm.files import load_json
+from jaxmm.reports.figures import save, styled
 from paper.figures.origin import made
 from paper.figures.panels import COLORS, command
 

@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxmm.figures import BLACK, save, styled
 from jaxmm.files import load_json
-from jaxmm.paper_rows import SECTIONS
+from jaxmm.reports.figures import BLACK, save, styled
+from jaxmm.runs.paper.rows import SECTIONS
 from paper.figures.origin import made
 from paper.figures.panels import COLORS, command
 

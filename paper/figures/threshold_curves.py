@@ -11,8 +11,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from jaxmm.figures import BLACK, PALE, save, styled
-from jaxmm.room_figures import ScoredCloud
+from jaxmm.reports.figures import BLACK, PALE, save, styled
+from jaxmm.reports.room_figures import ScoredCloud
 from paper.figures.examples import example_of
 from paper.figures.panels import BY_METHOD, METHODS, Place, command, grid, inside, titled
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from jaxmm.figures import validation_curves
+from jaxmm.reports.figures import validation_curves
 from paper.figures.panels import command, draw_training
 
 

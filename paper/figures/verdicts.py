@@ -9,15 +9,15 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from jaxmm import runs
-from jaxmm.detect_files import read_judges
-from jaxmm.detect_settings import DetectSettings
-from jaxmm.detection import NamedScan, detect_scans
-from jaxmm.figures import styled
-from jaxmm.plan_figure import plan_figure
-from jaxmm.room_scans import cases_of
-from jaxmm.simulator import CloudSource, pair_config
-from jaxmm.verdicts import VERDICTS
+from jaxmm import run_folder
+from jaxmm.data.simulator_settings import CloudSource, pair_config
+from jaxmm.learning.prediction import read_judges
+from jaxmm.reports.figures import styled
+from jaxmm.reports.plan_figure import plan_figure
+from jaxmm.runs.room_scans import cases_of
+from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.verdicts.verdicts import VERDICTS
 from jaxmm.weights import DEFAULT
 from paper.figures.panels import command
 
@@ -28,7 +28,7 @@ TRIED = 60  # test rooms; where none of them has all, the last is drawn
 @styled
 def draw(run: Path, path: Path) -> Figure:
     """The floor plan of a detection, as `jaxmm detect` draws it: the first room that has every kind of verdict."""
-    config, judges = runs.read_config(run), read_judges(DEFAULT)
+    config, judges = run_folder.read_config(run), read_judges(DEFAULT)
     source = CloudSource("", SCENE, CONDITION, config.data.test_seed)
     settings = DetectSettings(refine=False)
     for room in range(TRIED):

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from jaxmm.figures import save, styled
-from jaxmm.runs import read_config
+from jaxmm.reports.figures import save, styled
+from jaxmm.run_folder import read_config
 from paper.figures.examples import example_of, raw_pair
 from paper.figures.panels import SCANS, Place, command, draw_both, inside, key, page, titled
 

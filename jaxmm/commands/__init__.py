@@ -1,0 +1,11 @@
+"""Words typed in, all of the above out. Imports every room."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "detect_files": ["Reading", "detect", "write_all"],
+        "scanning": ["scan"],
+    },
+)

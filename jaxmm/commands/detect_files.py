@@ -1,0 +1,225 @@
+"""`jaxmm detect`: files in, a folder of reports out, whole or not at all."""
+
+import contextlib
+import dataclasses
+import os
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jaxmm.files import check_empty, write_folder
+from jaxmm.formats.poses import GivenPose
+from jaxmm.formats.readers import PointScan, read_scans
+from jaxmm.ifc.update import write_update
+from jaxmm.inputs import InputError
+from jaxmm.learning.prediction import read_judges
+from jaxmm.rays.scan_rays import PosedScan
+from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
+from jaxmm.reports.bcf import write_bcf
+from jaxmm.reports.detection_figures import write_figures
+from jaxmm.reports.notebook import detection_html
+from jaxmm.reports.page import write_page
+from jaxmm.reports.plain_files import write_plain
+from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.frames import OwnScan, fitting_prior, lay, own_scan
+from jaxmm.verdicts.priors import Prior
+from jaxmm.verdicts.results import Detection
+from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.weights import DEFAULT
+from warp_scanner.buildings.positions import away_from, span_of
+from warp_scanner.clouds.voxels import thin_clouds
+from warp_scanner.scenes.building import ReadOptions
+from warp_scanner.sensors.sensors import OAK_D_PRO, Pinhole, Sensor
+
+ESTIMATED_FROM = 0.1  # [m] voxels of the cloud that a viewpoint is estimated from
+FRAMES = ("world", "sensor")
+ESTIMABLE = (
+    "only a camera's can be, here of one that sees {:g} x {:g} degrees (--sensor); no scanner's that looks around"
+)
+
+# Notebooks ask the object itself; the type stays free of what draws.
+Detection._repr_html_ = detection_html
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """How files are to be read."""
+
+    prior: ReadOptions = ReadOptions()
+    unit: float | None = None  # [m] of the scans; None: told by how they lie on the prior
+    frame: str = "world"  # of the scans' points; "sensor": the pose takes them to the world, see `own_scan`
+    sensor: Sensor | None = None  # None: any; its view is then what its points span
+
+    def __post_init__(self):
+        if self.frame not in FRAMES:
+            raise InputError(f"--frame: expected {' or '.join(FRAMES)}, got {self.frame!r}")
+        if self.unit is not None and not 0.0 < self.unit < 1e6:
+            raise InputError(f"--unit: expected a length in metres above 0, got {self.unit:g}")
+
+
+def detect(
+    prior: Path | str,
+    scans: Sequence[Path | str] | Path | str,
+    poses: Sequence[GivenPose | None] | GivenPose | None = None,
+    *,
+    reading: Reading | None = None,
+    settings: DetectSettings | None = None,
+    model: Path | str = DEFAULT,
+) -> Detection:
+    """Compare robot scans with a building model, as `jaxmm detect` does, without writing anything.
+
+    Args:
+        prior: IFC or mesh file, or a point cloud.
+        scans: point clouds, see `scan_files`; a file may hold several.
+        poses: one for each scan; None takes the one of its file, or estimates it. None alone does so for all.
+        reading: units, frame and sensor.
+        settings: how to detect.
+        model: run folder or .safetensors file of models of the method "evidence".
+
+    Raises:
+        InputError: a file cannot be used, or does not fit the others; one line.
+    """
+    start = time.perf_counter()
+    files = [Path(one) for one in ([scans] if isinstance(scans, str | os.PathLike) else scans)]
+    given = [poses] if isinstance(poses, GivenPose) else list(poses or ())
+    reading, settings = reading or Reading(), settings or DetectSettings()
+    judges = read_judges(Path(model))
+    found = [(file, scan) for file in files for scan in read_scans(file)]
+    if not found:
+        raise InputError("scans: expected at least one, got none")
+    if given and len(given) != len(found):
+        raise InputError(f"--pose: expected one for each of {len(found)} scans (or own), got {len(given)}")
+    own = []
+    for (file, scan), pose in zip(found, given or [None] * len(found), strict=True):
+        with _told_of(file):
+            own.append(own_scan(scan, pose, reading.frame))
+    read = fitting_prior(Path(prior), reading.prior, own, reading.unit)
+    named = []
+    for (file, scan), mine, name in zip(found, own, _names([file for file, _ in found]), strict=True):
+        with _told_of(file):
+            named.append(_named(read, name, scan, mine, reading))
+    loaded = time.perf_counter() - start
+    detection = detect_scans(read, named, judges, settings)
+    return detection._replace(timing=detection.timing | {"loading": loaded}, prior=read.file)
+
+
+def write_all(detection: Detection, prior: Path, out: Path, *, apply: bool = False) -> list[str]:
+    """Write every output into a new folder, whole or not at all; returns what is to be said about it, a line each.
+
+    Args:
+        detection: what was found.
+        prior: its file; an IFC file is also written anew with the changes marked, or made.
+        out: folder that does not exist yet, or is empty.
+        apply: delete removed elements instead of marking them; not while a scan may be of another place or pose.
+
+    Raises:
+        InputError: the folder holds something, or cannot be written.
+    """
+    check_empty(out, "--out")
+    start, said = time.perf_counter(), []
+
+    def write(work: Path) -> None:
+        write_figures(work, detection)
+        write_page(work / "report.html", detection)
+        write_bcf(work / "mismatches.bcf", detection, project=prior.stem)
+        if prior.suffix.lower() == ".ifc":
+            said.extend(write_update(prior, detection, work, apply=apply).notes)
+        timing = detection.timing | {"writing": time.perf_counter() - start}
+        write_plain(work, detection._replace(timing=timing))
+
+    try:
+        write_folder(out, write)
+    except OSError as error:
+        raise InputError(f"--out: cannot write {out}: {error.strerror}") from error
+    return said
+
+
+@contextlib.contextmanager
+def _told_of(file: Path) -> Iterator[None]:
+    """Errors that come up name the file."""
+    try:
+        yield
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if text.startswith(str(file)) else f"{file}: {text}") from error
+
+
+def _names(files: list[Path]) -> list[str]:
+    """What to call the scans of these files, one of each: by name, with as many folders as tell them apart.
+
+    Several of one file are numbered as they stand there.
+    """
+    parts = {file: file.absolute().parts for file in files}
+
+    def name(file: Path) -> str:
+        depth = next(
+            depth
+            for depth in range(1, len(parts[file]) + 1)
+            if sum(other[-depth:] == parts[file][-depth:] for other in set(parts.values())) == 1
+        )
+        return Path(*parts[file][-depth:]).as_posix()
+
+    return [
+        name(file) if files.count(file) == 1 else f"{name(file)}#{files[:number].count(file)}"
+        for number, file in enumerate(files)
+    ]
+
+
+def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Reading) -> NamedScan:
+    """One scan in its place, with all that was assumed about it."""
+    points, pose, source, told, contradictions = lay(prior, own, reading.unit)
+    notes, sensor, deviation, doubts = [*scan.remarks, *told], reading.sensor, None, list(contradictions)
+    thin = points[thin_clouds([(points - prior.origin).astype(np.float32)], ESTIMATED_FROM)[0]]
+    if pose is not None:
+        view = (sensor.horizontal_fov, sensor.vertical_fov) if isinstance(sensor, Pinhole) else None
+        doubts += doubts_about(points, thin, *pose, view)
+        # It changes nothing but what is drawn, and files of scanners that look around say nothing by it.
+        if sensor is None and source == "given" and is_turned_away(thin, *pose):
+            notes.append("hardly any of its points lies before the sensor, as it is turned: is its yaw right?")
+    else:
+        camera = sensor or OAK_D_PRO
+        if not isinstance(camera, Pinhole):
+            raise InputError("only the viewpoint of a camera can be estimated from its points; give it with --pose")
+        viewpoint, by = _viewpoint(prior, thin, camera)
+        view = f"{camera.horizontal_fov:g} x {camera.vertical_fov:g} degrees"
+        notes.append(f"its pose is estimated{by}, for a camera that sees {view}")
+        pose = viewpoint.position, GivenPose(viewpoint.position, viewpoint.yaw, viewpoint.pitch).rotation
+        deviation = tuple(float(value) for value in viewpoint.deviation)
+    placed = PosedScan((points - prior.origin).astype(np.float32), pose[0] - prior.origin, pose[1], sensor)
+    _check_place(prior, placed, thin - prior.origin, source)
+    return NamedScan(placed, name, len(scan.points), source, deviation, (*notes, *doubts), tuple(doubts))
+
+
+def _viewpoint(prior: Prior, thin: np.ndarray, camera: Pinhole) -> tuple[Viewpoint, str]:
+    """Where a camera stood, by its own points or else by the prior's, of which a phrase for the note tells."""
+    view = camera.horizontal_fov, camera.vertical_fov
+    try:
+        return estimate(thin, *view, pitch=None), ""
+    except InputError as error:
+        alone = InputError(f"{error}; {ESTIMABLE.format(*view)}")
+    if prior.cloud is not None:
+        with contextlib.suppress(InputError):
+            found = estimate_by_other(thin, prior.cloud.astype(np.float64) + prior.origin, *view)
+            return found, " from the points of the prior, as of a scan from the same place"
+    raise alone
+
+
+def _check_place(prior: Prior, scan: PosedScan, thin: np.ndarray, source: str) -> None:
+    """Refuse a sensor so far outside of the prior that none of its points (N, 3) [m] can be on it.
+
+    `source` says where its pose is from.
+    """
+    if prior.building is None:
+        return
+    away = away_from(prior.building, scan.position)
+    most = scan.sensor.range_limits[1] if scan.sensor else np.inf
+    reach = min(most, float(np.linalg.norm(thin - scan.position, axis=1).max(initial=0.0)))
+    if away <= reach:
+        return
+    where = ", ".join(f"{value:.10g}" for value in scan.position + prior.origin)
+    raise InputError(
+        f"the pose {where}, {source}, is {away:.4g} m outside the building, which spans {span_of(prior.building)} m, "
+        f"and the scan reaches {reach:.4g} m: it cannot show any of it"
+    )

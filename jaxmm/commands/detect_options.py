@@ -1,0 +1,144 @@
+"""`jaxmm detect` and `jaxmm revert` on the command line: their options, and what is printed."""
+
+import argparse
+from pathlib import Path
+
+from jaxmm.inputs import InputError
+
+EXAMPLE = "jaxmm detect house.ifc scan.e57 --pose 4,-3,1.5,90 --sensor oak-d-pro --out found"
+POSES = (
+    "for every scan one, in order, or a JSON file of them; own (in JSON null), the default of all: what the scan file "
+    "says, else it is estimated"
+)
+SENSORS = (
+    "oak-d-pro, oak-d-pro-small, velodyne-16, ouster-64, tls, also with -real behind the name, or a TOML file: says "
+    "what was in view without a return; default: the view that the points span"
+)
+FRAMES = (
+    "of the scans' points: the prior's (default), or the sensor's (x forward, y left, z up): then they are moved to "
+    "--pose, or else to the pose in their file"
+)
+UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
+CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
+SETTINGS = (
+    'any field of jaxmm/verdicts/settings.py, as TOML: classes = ["wall"], or of a table in it: objects.threshold = 0.4'
+)
+
+
+def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
+    """The options of `jaxmm detect`; `pose` says how a pose reads."""
+    command.add_argument("prior", type=Path, metavar="PRIOR", help="building model: .ifc, a mesh, or a point cloud")
+    command.add_argument(
+        "scans", type=Path, nargs="+", metavar="SCAN",
+        help=".ply, .pcd, .e57, .las, .laz, .csv, .npy, .npz, .xyz, .txt or .asc; E57 may hold several",
+    )  # fmt: skip
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the reports")
+    command.add_argument(
+        "--pose", action="append", default=[], metavar="X,Y,Z,YAW[,PITCH]|own|FILE.json", help=f"{pose}; {POSES}"
+    )
+    command.add_argument("--sensor", metavar="NAME|FILE", help=SENSORS)
+    command.add_argument("--preset", choices=("default", "thesis"), help="how points become boxes")
+    command.add_argument("--model", type=Path, metavar="RUN|FILE", help="default: the models that come with jaxmm")
+    command.add_argument("--settings", type=Path, metavar="FILE.toml", help=SETTINGS)
+    command.add_argument("--classes", action="append", default=[], metavar="CLASS,...", help=CLASSES)
+    command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
+    command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
+    command.add_argument("--frame", choices=("world", "sensor"), default="world", help=FRAMES)
+    command.add_argument("--unit", type=float, metavar="METRES", help=UNIT)
+    command.add_argument(
+        "--prior-unit", type=float, metavar="METRES", help="of a mesh or cloud as prior; default: told by how it fits"
+    )
+    command.add_argument("--up", choices=("y", "z"), help="axis of a mesh as prior; default: told by how it fits")
+    command.add_argument("--open-doors", action="store_true", help="leave the prior's doors out")
+    command.add_argument("--clear-glass", action="store_true", help="let rays pass the glass of the prior's windows")
+
+
+# The imports below wait until they are needed: --help should not load JAX.
+
+
+def detect(options: argparse.Namespace) -> None:
+    """Read, compare, write, and print what was found."""
+    from jaxmm.files import check_empty, check_folder
+    from jaxmm.formats.poses import read_poses
+
+    check_folder(options.out, "--out")
+    check_empty(options.out, "--out")
+    for file in (options.prior, *options.scans):
+        if not file.is_file():
+            raise InputError(f"{file}: expected a file, found {'a folder' if file.is_dir() else 'nothing there'}")
+    poses = read_poses(options.pose) or None
+    sensor = _sensor(options.sensor)
+
+    from jaxmm.commands import detect_files  # takes seconds: what is wrong with the words above is said before
+    from jaxmm.verdicts.settings import load_settings
+    from jaxmm.weights import DEFAULT
+
+    given = {"preset": options.preset} if options.preset else {}
+    if options.no_refine:
+        given["refine"] = False
+    if options.classes:
+        given["classes"] = [name.strip() for names in options.classes for name in names.split(",")]
+    settings = load_settings(options.settings, **given)
+    detection = detect_files.detect(
+        options.prior, options.scans, poses,
+        reading=_reading(options, sensor), settings=settings, model=options.model or DEFAULT,
+    )  # fmt: skip
+    for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
+        print(note)
+    said = detect_files.write_all(detection, options.prior, options.out, apply=options.apply)
+    for line in (*said, *detection.sentences, detection.summary()):
+        print(line)
+    print(f"reports: {options.out}")
+
+
+def _sensor(asked: str | None):
+    if asked is None:
+        return None
+    from warp_scanner.sensors.sensors import sensor_named
+
+    try:
+        return sensor_named(asked)
+    except ValueError as error:
+        raise InputError(f"--sensor: {error}") from error
+
+
+def _reading(options: argparse.Namespace, sensor):
+    from jaxmm.commands.detect_files import Reading
+    from warp_scanner.scenes.building import ReadOptions
+
+    _check_kind(options)
+    try:
+        prior = ReadOptions(
+            glass="transparent" if options.clear_glass else "solid",
+            doors="open" if options.open_doors else "closed",
+            y_up=None if options.up is None else options.up == "y",
+            unit=1.0 if options.prior_unit is None else options.prior_unit,
+        )
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    return Reading(prior, options.unit, options.frame, sensor)
+
+
+def _check_kind(options: argparse.Namespace) -> None:
+    """Refuse options that say nothing about a prior of this kind."""
+    from jaxmm.verdicts.priors import kind_of
+
+    kind = kind_of(options.prior)
+    if kind == "ifc":
+        if options.prior_unit is not None or options.up is not None:
+            raise InputError(f"--prior-unit, --up: not for IFC; {options.prior} says its unit and axes itself")
+        return
+    if options.apply:
+        raise InputError(f"--apply: only for IFC, whose elements it deletes; {options.prior} is a {kind}")
+    if kind == "cloud" and (options.up is not None or options.open_doors or options.clear_glass):
+        raise InputError(f"--up, --open-doors, --clear-glass: not for a point cloud, as {options.prior} is")
+
+
+def revert(options: argparse.Namespace) -> None:
+    """Undo an update."""
+    from jaxmm.files import check_writable
+    from jaxmm.ifc import undo
+
+    check_writable(options.out, "--out")
+    undo.revert(options.updated, options.out)
+    print(f"model: {options.out}")

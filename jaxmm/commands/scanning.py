@@ -1,0 +1,65 @@
+"""`jaxmm scan`: what a sensor at one place in a building sees."""
+
+from pathlib import Path
+
+import numpy as np
+
+from jaxmm.formats.poses import GivenPose
+from jaxmm.formats.writers import SensorScan
+from jaxmm.inputs import InputError
+from warp_scanner.buildings.files import read_building
+from warp_scanner.buildings.positions import check_position
+from warp_scanner.scenes.building import Building, ReadOptions
+from warp_scanner.sensors.imperfections import imperfect
+from warp_scanner.sensors.poses import rotation_of
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.sensors import OAK_D_PRO, Sensor
+from warp_scanner.sensors.surface import incidence_of, intensity_of
+from warp_scanner.sensors.triangles import cast_faces, face_normals, prepare
+
+
+def scan(
+    scene: Path | str, pose: GivenPose, sensor: Sensor = OAK_D_PRO, *, reading: ReadOptions | None = None, seed: int = 0
+) -> SensorScan:
+    """Scan a building from one place, as `jaxmm scan` does, without writing anything.
+
+    Args:
+        scene: IFC or mesh file.
+        pose: where the sensor stands and looks, in the frame of the building.
+        sensor: which directions it looks in, how far it reaches, and how it errs.
+        reading: how the file is to be read.
+        seed: of the errors of a sensor that errs, from 0 and below 2^63.
+
+    Returns:
+        Every ray of the sensor, returned or not, with the element that it met.
+
+    Raises:
+        InputError: the file cannot be read, or no sensor can stand there.
+    """
+    try:
+        building = read_building(Path(scene), reading or ReadOptions())
+        return scan_of(building, pose, sensor, seed)
+    except (ValueError, ImportError) as error:
+        raise InputError(str(error)) from error
+
+
+def scan_of(building: Building, pose: GivenPose, sensor: Sensor, seed: int) -> SensorScan:
+    """The same of a building that was read.
+
+    Raises:
+        ValueError: no sensor can stand there, or a seed out of range.
+    """
+    if not 0 <= seed < 2**63:
+        raise ValueError(f"seed: expected at least 0 and below 2^63, got {seed}")
+    position, yaw, pitch = pose
+    scene = prepare(building.triangles)
+    check_position(building, scene, position, sensor.range_limits[1])
+    rotation, directions = rotation_of([yaw], [pitch]), sensor.directions()
+    rays = Rays(np.array([position - building.origin]), directions, rotation)
+    found, face = cast_faces(scene, rays)
+    incidence = incidence_of(face_normals(building.triangles, face), rays)
+    found = imperfect(found, incidence, sensor, seed, np.zeros(1, int))
+    incidence = np.where(np.isfinite(found.distance), incidence, np.nan).astype(np.float32)
+    light = intensity_of(found.distance, found.semantic, incidence)
+    arrays = (field[0] for field in (*found, incidence, light))
+    return SensorScan(np.asarray(position), rotation[0], directions, *arrays, building.elements)

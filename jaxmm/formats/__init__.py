@@ -1,0 +1,12 @@
+"""Scan files in, points with their pose and unseen rays out, and back. Imports the root only."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "poses": ["GivenPose", "parse_pose", "read_poses"],
+        "readers": ["PointScan", "read_scans"],
+        "writers": ["SensorScan", "write_scan"],
+    },
+)

@@ -1,0 +1,84 @@
+"""Scans as NumPy arrays: NPY and NPZ with points, NPZ with the rays of `jaxmm scan`; nothing is ever unpickled."""
+
+import zipfile
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from jaxmm.formats.raw_scans import RawScan, check_swelling
+from jaxmm.inputs import InputError
+
+RAYS = {"distance", "direction", "origin", "rotation"}
+
+
+def read_npy(path: Path) -> list[RawScan]:
+    """The points of a file: the first three columns of its array.
+
+    Raises:
+        InputError: no array of numbers with three columns or more; shorter than its header promises.
+    """
+    with path.open("rb") as file:
+        _header(path, file, "the array")
+    array = np.lib.format.open_memmap(path, mode="r")  # checks the size that is promised, and admits no objects
+    return [RawScan(np.array(_columns(path, array), np.float64))]
+
+
+def read_npz(path: Path) -> list[RawScan]:
+    """The points under `points`, or the returns of rays as `jaxmm scan` writes them, with their sensor's pose.
+
+    Raises:
+        InputError: neither is there; an archive that swells, or promises more than it holds.
+    """
+    with zipfile.ZipFile(path) as archive:
+        check_swelling(path, sum(entry.file_size for entry in archive.infolist()))
+        held = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
+        for name in (RAYS | {"points"}) & held.keys():
+            _check_array(path, archive, name, held[name])
+    with np.load(path, allow_pickle=False) as arrays:
+        if held.keys() >= RAYS:
+            return [_returns(path, arrays)]
+        if "points" not in held:
+            wanted = "an array points, or rays as `jaxmm scan` writes them"
+            raise InputError(f"{path}: expected {wanted}, got {', '.join(sorted(held))[:200] or 'nothing'}")
+        return [RawScan(_columns(path, arrays["points"]))]
+
+
+def _columns(path: Path, array: np.ndarray) -> np.ndarray:
+    if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] < 3:
+        raise InputError(f"{path}: expected points (N, 3) of numbers, got {str(array.dtype)[:80]} {array.shape}")
+    return array[:, :3]
+
+
+def _check_array(path: Path, archive: zipfile.ZipFile, name: str, size: int) -> None:
+    """Refuse an array that promises more than the archive holds, before NumPy takes the memory for it."""
+    with archive.open(f"{name}.npy") as file:
+        shape, kind = _header(path, file, name)
+    if np.prod([float(length) for length in shape]) * kind.itemsize > size:
+        raise InputError(
+            f"{path}: expected {name} to fit into {size} bytes, its header promises {str(kind)[:80]} {shape}"
+        )
+
+
+def _header(path: Path, file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type that an array promises, which no pickled objects may be."""
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, kind = read(file)
+    if kind.hasobject:
+        raise InputError(f"{path}: expected {name} to hold numbers, got pickled objects")
+    return shape, kind
+
+
+def _returns(path: Path, arrays: np.lib.npyio.NpzFile) -> RawScan:
+    distance, direction, origin, rotation = (
+        np.asarray(arrays[name]) for name in ("distance", "direction", "origin", "rotation")
+    )
+    if any(array.dtype.kind != "f" for array in (distance, direction, origin, rotation)) or (
+        distance.ndim != 1 or direction.shape != (len(distance), 3) or origin.shape != (3,) or rotation.shape != (3, 3)
+    ):
+        raise InputError(f"{path}: expected rays with one direction each, and origin and rotation of one sensor")
+    hit = np.isfinite(distance)
+    origin, rotation = origin.astype(np.float64), rotation.astype(np.float64)
+    points = origin + (distance[hit, None].astype(np.float64) * direction[hit]) @ rotation.T
+    return RawScan(points, origin, rotation, in_world=True)

@@ -1,0 +1,135 @@
+"""E57 scans through pye57: every scan of the file in world coordinates, with the pose that it was taken from.
+
+Points are read in blocks by the library below pye57, whose own `read_scan` holds five copies of them.
+"""
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling
+from jaxmm.inputs import InputError
+
+PAGE, CONTENT = 1024, 1020  # [bytes] of a page, and before its checksum
+CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+
+
+def read_e57(path: Path) -> list[RawScan]:
+    """All scans of a file that hold points.
+
+    Raises:
+        InputError: no scan with points, one without coordinates, or fewer points than promised.
+    """
+    import pye57
+
+    _check_header(path)
+    try:
+        return _scans(path, pye57.E57(str(path)))
+    except pye57.libe57.E57Exception as error:  # what follows the stars is for those who debug the library
+        reason = " ".join(str(error).split("****")[0].split())[:200]
+        raise InputError(f"{path}: expected a whole E57 file: {reason}") from error
+
+
+def _check_header(path: Path) -> None:
+    """Refuse what is no E57 file, is cut off, or declares entities, which could swell in the parser without end."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{path}: expected a name in UTF-8, which the library for E57 needs; rename it") from error
+    size = path.stat().st_size
+    with open(path, "rb") as file:
+        head = file.read(48)
+        if len(head) < 48 or head[:8] != b"ASTM-E57":
+            raise InputError(f"{path}: expected an E57 file (ASTM-E57 and a header), found something else")
+        whole, start, length = struct.unpack("<QQQ", head[16:40])
+        if whole != size or start + length > size:
+            raise InputError(f"{path}: truncated: expected {whole} bytes as its header promises, found {size}")
+        file.seek(start)
+        raw = file.read(length + (length // CONTENT + 2) * (PAGE - CONTENT))
+    first = max(0, CONTENT - start % PAGE)  # the rest of the page that it begins in
+    text = raw[:first] + b"".join(raw[at : at + CONTENT] for at in range(first + PAGE - CONTENT, len(raw), PAGE))
+    if b"<!DOCTYPE" in text[:length] or b"\0" in text[:length]:
+        raise InputError(f"{path}: expected E57 whose XML is UTF-8 without a document type, found another")
+
+
+def _scans(path: Path, file: Any) -> list[RawScan]:
+    try:
+        headers = [file.get_header(number) for number in range(file.scan_count)]
+        check_swelling(path, sum(24 * max(header.point_count, 0) for header in headers))
+        found = [_scan(path, file.image_file, header) for header in headers if header.point_count]
+    finally:
+        file.close()
+    if not found:
+        raise InputError(f"{path}: expected at least one scan with points, found none in {len(headers)}")
+    if len(found) < len(headers):
+        remark = f"{len(headers) - len(found)} of {len(headers)} scans hold no points and are left out"
+        found[0] = found[0]._replace(remarks=(remark,))
+    return found
+
+
+def _scan(path: Path, image: Any, header: Any) -> RawScan:
+    check_count(path, header.point_count)
+    axes = next((axes for axes in (CARTESIAN, SPHERICAL) if set(axes) <= set(header.point_fields)), None)
+    if axes is None:
+        raise InputError(f"{path}: expected points in cartesian or spherical coordinates, got others")
+    points = _points(path, image, header, axes)
+    if not header.has_pose():
+        return RawScan(points)
+    position, rotation = _pose(header.node)
+    for start in range(0, len(points), BLOCK):
+        block = slice(start, start + BLOCK)
+        points[block] = points[block] @ rotation.T + position
+    return RawScan(points, position, rotation, in_world=True)
+
+
+def _points(path: Path, image: Any, header: Any, axes: tuple[str, ...]) -> np.ndarray:
+    """(N, 3) in the sensor's frame, without those that the file calls invalid."""
+    from pye57 import libe57
+
+    count, invalid = header.point_count, axes[0].replace("X", "InvalidState").replace("Range", "InvalidState")
+    columns = {axis: np.zeros(BLOCK) for axis in axes}
+    if invalid in header.point_fields:
+        columns[invalid] = np.zeros(BLOCK, np.int8)
+    buffers = libe57.VectorSourceDestBuffer()
+    for name, column in columns.items():
+        buffers.append(libe57.SourceDestBuffer(image, name, column, BLOCK, True, True))
+    points, read, kept = np.zeros((count, 3)), 0, 0
+    reader = header.points.reader(buffers)
+    try:
+        while found := reader.read():
+            if read + found > count:
+                raise InputError(f"{path}: expected {count} points as its header promises, found more")
+            block = _cartesian(np.column_stack([columns[axis][:found] for axis in axes]), axes)
+            if invalid in columns:
+                block = block[columns[invalid][:found] == 0]
+            points[kept : kept + len(block)] = block
+            read, kept = read + found, kept + len(block)
+    finally:
+        reader.close()
+    if read < count:
+        raise InputError(f"{path}: truncated: expected {count} points as its header promises, found {read}")
+    return points[:kept]
+
+
+def _cartesian(block: np.ndarray, axes: tuple[str, ...]) -> np.ndarray:
+    if axes is CARTESIAN:
+        return block
+    distance, azimuth, elevation = block.T
+    level = distance * np.cos(elevation)
+    return np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)])
+
+
+def _pose(node: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Position and rotation of a scan; either may be left out of the file, and then there is none."""
+    from scipy.spatial.transform import Rotation
+
+    def numbers(part: str, names: str, default: tuple[float, ...]) -> np.ndarray:
+        if not node["pose"].isDefined(part):
+            return np.array(default)
+        return np.array([float(node["pose"][part][name].value()) for name in names])
+
+    rotation = Rotation.from_quat(numbers("rotation", "xyzw", (0.0, 0.0, 0.0, 1.0))).as_matrix()
+    return numbers("translation", "xyz", (0.0, 0.0, 0.0)), rotation

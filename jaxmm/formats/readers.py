@@ -1,0 +1,98 @@
+"""Scan files, read: the points of one scan or several, and where they were taken from if the file says so.
+
+PLY (ascii, binary), PCD (ascii, binary, compressed), E57 (several scans, with poses), LAS and LAZ, CSV (`;` or `,`),
+NPY and NPZ, XYZ text. N points. World frame of the file, in its units. Coordinates come as float64, as national grids
+need.
+"""
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.formats.arrays import read_npy, read_npz
+from jaxmm.formats.e57 import read_e57
+from jaxmm.formats.las import read_las
+from jaxmm.formats.pcd import read_pcd
+from jaxmm.formats.ply import read_ply
+from jaxmm.formats.raw_scans import RawScan
+from jaxmm.formats.text import read_text
+from jaxmm.inputs import InputError, one_line
+
+READERS: dict[str, Callable[[Path], list[RawScan]]] = {
+    ".ply": read_ply, ".pcd": read_pcd, ".e57": read_e57, ".las": read_las, ".laz": read_las, ".csv": read_text,
+    ".npy": read_npy, ".npz": read_npz, ".xyz": read_text, ".txt": read_text, ".asc": read_text,
+}  # fmt: skip
+EXTRA = "needs the extra formats: pip install 'jaxmm[formats]'"
+FARTHEST = 1e12  # coordinates beyond are damage, and their squares would not fit
+
+
+class PointScan(NamedTuple):
+    """The points of one scan."""
+
+    points: np.ndarray  # (N, 3) float64, finite
+    position: np.ndarray | None  # (3,) float64 of the sensor, same frame; None where the file does not say
+    rotation: np.ndarray | None  # (3, 3) float64 sensor frame to world
+    remarks: tuple[str, ...]  # what was left out, in words
+    in_world: bool = False  # the file's points are in the sensor's frame, and were taken to the world by that pose
+
+
+def read_scans(path: Path) -> list[PointScan]:
+    """All scans of a file; one, but for E57.
+
+    Raises:
+        InputError: one line that names the file and what is wrong with it: missing, of an unknown ending, of another
+            format than its ending says, truncated, without points, or without a library to read it.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: expected a scan file, found {'a folder' if path.is_dir() else 'nothing there'}")
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(f"{path}: expected a scan ending in {', '.join(READERS)}, got {path.suffix or 'no ending'}")
+    if not path.stat().st_size:
+        raise InputError(f"{path}: expected points, found an empty file")
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            found = reader(path)
+    except InputError:
+        raise
+    except ImportError as error:
+        raise InputError(f"{path}: {EXTRA}") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or _line(error)}") from error
+    except MemoryError as error:
+        raise InputError(f"{path}: promises more points than fit into memory") from error
+    except Exception as error:  # libraries raise almost anything on a damaged file
+        raise InputError(f"{path}: expected a whole {path.suffix} file: {_line(error)}") from error
+    return [_checked(path, found.pop(0)) for _ in range(len(found))]  # a large scan is let go when it is copied
+
+
+def _checked(path: Path, raw: RawScan) -> PointScan:
+    points = np.asarray(raw.points, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{path}: expected points of shape (N, 3), got {points.shape}")
+    finite = np.abs(points[:, 0]) < FARTHEST
+    for axis in (1, 2):
+        finite &= np.abs(points[:, axis]) < FARTHEST
+    if not finite.any():
+        raise InputError(f"{path}: expected points with finite coordinates, got none among {len(points)}")
+    lost = int((~finite).sum())
+    remarks = raw.remarks
+    if lost:
+        remarks += (f"{lost} of {len(points)} points have no finite coordinates and are left out",)
+        points = points[finite]
+    if all(np.ptp(points[:, axis]) == 0.0 for axis in range(3)):
+        raise InputError(f"{path}: expected points in space, got {len(points)} times the same one")
+    posed = raw.position is not None and np.isfinite(raw.position).all() and np.isfinite(raw.rotation).all()
+    position, rotation = (raw.position, raw.rotation) if posed else (None, None)
+    return PointScan(points, position, rotation, remarks, posed and raw.in_world)
+
+
+def _line(error: Exception) -> str:
+    """What a library says, where it is worth saying: a missing key or place in a list tells no user anything."""
+    if isinstance(error, LookupError | AttributeError | TypeError | AssertionError):
+        return f"its parts do not fit together ({type(error).__name__})"
+    return one_line(error)

@@ -1,0 +1,103 @@
+"""Marks on elements of an IFC model: a property set of our own, and Status where the schema has it."""
+
+from typing import Any
+
+from jaxmm.ifc.draft import Draft
+
+OWN_SET = "jaxmm_Verdict"  # the prefix Pset_ is the standard's
+COMMON_SETS = {"IfcWall": "Pset_WallCommon", "IfcColumn": "Pset_ColumnCommon"}  # hold Status, from IFC4 on
+DEMOLISH, NEW = "DEMOLISH", "NEW"
+_ENUMERATION = "PEnum_ElementStatus"
+_STATUSES = ("NEW", "EXISTING", "DEMOLISH", "TEMPORARY", "OTHER", "NOTKNOWN", "UNSET")
+
+
+def mark(draft: Draft, element: Any, values: dict[str, Any]) -> None:
+    """Give an element our property set; one of an earlier update is replaced.
+
+    Args:
+        draft: the model.
+        element: one of its products.
+        values: by name of the property: text, a number, a tuple of texts; None and () are left out.
+    """
+    properties = [_property(draft, name, value) for name, value in values.items() if value not in (None, ())]
+    _set_properties(draft, element, OWN_SET, properties, keep=False)
+
+
+def set_status(draft: Draft, element: Any, status: str) -> bool:
+    """Set Status in the element's common property set, whose other properties stay.
+
+    Returns:
+        Whether the schema has a Status for such elements; otherwise nothing is changed.
+    """
+    name = next((pset for kind, pset in COMMON_SETS.items() if element.is_a(kind)), None)
+    if name is None or draft.model.schema == "IFC2X3":
+        return False
+    value = draft.create(
+        "IfcPropertyEnumeratedValue",
+        Name="Status", EnumerationValues=[draft.create("IfcLabel", status)],
+        EnumerationReference=_enumeration(draft, status),
+    )  # fmt: skip
+    _set_properties(draft, element, name, [value], keep=True)
+    return True
+
+
+def _set_properties(draft: Draft, element: Any, name: str, properties: list[Any], keep: bool) -> None:
+    """Write properties into the element's set of that name; other elements with the same set keep what they have."""
+    relation, old = next(_sets(element, name), (None, None))
+    if old is None:
+        _new_set(draft, element, name, properties)
+        return
+    new = {one.Name for one in properties}
+    kept = [one for one in old.HasProperties if keep and one.Name not in new]
+    if draft.model.get_total_inverses(old) > 1 or len(relation.RelatedObjects) > 1:
+        others = [one for one in relation.RelatedObjects if one != element]
+        if others:
+            draft.put(relation, "RelatedObjects", others)
+            _new_set(draft, element, name, kept + properties)
+        else:
+            draft.put(relation, "RelatingPropertyDefinition", _bare_set(draft, element, name, kept + properties))
+        return
+    replaced = [one for one in old.HasProperties if one not in kept]
+    draft.put(old, "HasProperties", kept + properties)
+    for one in replaced:
+        if not draft.model.get_total_inverses(one):
+            draft.remove(one)
+
+
+def _sets(element: Any, name: str) -> Any:
+    """Relation and property set of each set of that name."""
+    for relation in element.IsDefinedBy:
+        if relation.is_a("IfcRelDefinesByProperties"):
+            found = relation.RelatingPropertyDefinition
+            if found.is_a("IfcPropertySet") and found.Name == name:
+                yield relation, found
+
+
+def _new_set(draft: Draft, element: Any, name: str, properties: list[Any]) -> None:
+    made = _bare_set(draft, element, name, properties)
+    draft.root(
+        "IfcRelDefinesByProperties", f"relation of {name} of {element.GlobalId}",
+        RelatedObjects=[element], RelatingPropertyDefinition=made,
+    )  # fmt: skip
+
+
+def _bare_set(draft: Draft, element: Any, name: str, properties: list[Any]) -> Any:
+    return draft.root("IfcPropertySet", f"{name} of {element.GlobalId}", Name=name, HasProperties=properties)
+
+
+def _property(draft: Draft, name: str, value: Any) -> Any:
+    if isinstance(value, tuple):
+        return draft.create(
+            "IfcPropertyListValue", Name=name, ListValues=[draft.create("IfcText", one) for one in value]
+        )
+    kind = "IfcReal" if isinstance(value, float) else "IfcInteger" if isinstance(value, int) else "IfcText"
+    return draft.create("IfcPropertySingleValue", Name=name, NominalValue=draft.create(kind, value))
+
+
+def _enumeration(draft: Draft, status: str) -> Any:
+    """The file's own enumeration of that name, as names are unique, or a new one; None where it lacks the status."""
+    for found in draft.model.by_type("IfcPropertyEnumeration"):
+        if found.Name == _ENUMERATION:
+            return found if status in {one.wrappedValue for one in found.EnumerationValues} else None
+    values = [draft.create("IfcLabel", one) for one in _STATUSES]
+    return draft.create("IfcPropertyEnumeration", _ENUMERATION, values)

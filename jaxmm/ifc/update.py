@@ -1,0 +1,213 @@
+"""`updated.ifc`: the building model with what a detection found written into it.
+
+Removed elements are marked, or deleted when asked; occluded ones are marked; added objects become walls and columns.
+Present and unscanned elements are not touched. The file that was read is never written to.
+"""
+
+import math
+from collections import Counter
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from jaxmm.ifc.draft import Draft
+from jaxmm.ifc.marks import DEMOLISH, NEW, mark, set_status
+from jaxmm.ifc.new_elements import add_object, contain, flaw_of, ground_of
+from jaxmm.ifc.removal import delete, hanging_on
+from jaxmm.ifc.undo import UPDATED, sha256, write_with_undo
+from jaxmm.inputs import InputError, one_line
+from jaxmm.learning.boxes import sentence
+from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, box_of, told_probability
+from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED, STANDS
+from warp_scanner.buildings.ifc_model import import_ifcopenshell
+
+NOT_APPLIED = "--apply: removed elements are marked, not deleted: it is open whether every scan is of this place"
+
+
+class UpdateSummary(NamedTuple):
+    """What was written; GlobalIds."""
+
+    path: Path  # the updated file
+    removed: tuple[str, ...]  # elements of removed mismatches: marked, or deleted; the notes name what was not
+    occluded: tuple[str, ...]  # elements marked as occluded
+    added: tuple[str, ...]  # new elements, in the order of the mismatches
+    notes: tuple[str, ...]  # what could not be done, or must be known, a sentence each
+
+
+def write_update(
+    prior: Path, detection: Detection, out: Path, *, apply: bool = False, when: datetime | None = None
+) -> UpdateSummary:
+    """Write `updated.ifc` and `undo.json` to the folder `out`, both whole or neither.
+
+    Args:
+        prior: the IFC file that the detection was run on.
+        detection: what was found.
+        out: the folder; made where it is missing.
+        apply: delete removed elements instead of marking them, unless a part of them may stand, or a scan may be of
+            another place or pose. Doors, windows and coverings that hung on them stay, are marked, and named in the
+            notes.
+        when: the date that is written, UTC where it names no zone; None for now. With it, the same input gives the
+            same bytes.
+
+    Raises:
+        InputError: `prior` cannot be read or edited, or is the very file that would be written.
+        ImportError: ifcopenshell is not installed.
+        OSError: a file cannot be written.
+    """
+    if (out / UPDATED).resolve() == prior.resolve():
+        raise InputError(f"{out}: expected another folder than that of {prior}, which must stay as it is")
+    original, draft = _open(prior, when or datetime.now(UTC))
+    update = _Update(draft, detection)
+    if apply and detection.doubts:
+        apply = False
+        update.notes.append(NOT_APPLIED)
+    update.mark_removed(apply)
+    update.mark_occluded()
+    update.add()
+    if apply:
+        update.delete_removed()
+    updated, edits = draft.text(original, prior)
+    write_with_undo(out, original, updated, edits)
+    return UpdateSummary(
+        out / UPDATED, tuple(update.removed), tuple(update.occluded), tuple(update.added), tuple(update.notes)
+    )
+
+
+def _open(prior: Path, when: datetime) -> tuple[bytes, Draft]:
+    ifcopenshell = import_ifcopenshell()
+    try:
+        original = prior.read_bytes()
+        model = ifcopenshell.open(str(prior))
+    except OSError as error:
+        raise InputError(f"{prior}: cannot be read: {error.strerror}") from error
+    except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
+        raise InputError(f"{prior}: not a readable IFC file: {one_line(error)}") from error
+    return original, Draft(ifcopenshell, model, sha256(original), when)
+
+
+class _Update:
+    """One detection on its way into one model."""
+
+    def __init__(self, draft: Draft, detection: Detection):
+        self.draft, self.detection = draft, detection
+        self.removed: dict[str, Any] = {}
+        self.kept: set[str] = set()  # of those, what is never deleted
+        self.occluded: dict[str, Any] = {}
+        self.added: dict[str, Any] = {}
+        self.notes: list[str] = []
+        self._doubts = detection.doubts
+        self._verdicts = {one.guid: one for one in detection.elements}
+        self._times = Counter(one.GlobalId for one in draft.model.by_type("IfcRoot"))
+
+    def mark_removed(self, apply: bool) -> None:
+        """Our set on every element that a mismatch or a verdict calls removed; Status for those of a mismatch.
+
+        Nothing is marked that is going to be deleted; what stands in part is marked and never deleted.
+        """
+        for number, one in enumerate(self.detection.mismatches, 1):
+            if one.mismatch_type != "removed":
+                continue
+            element = self._find(one.element, f"mismatch {number}, a removed {one.object_type},")
+            if element is None or one.element in self.removed:
+                continue
+            self.removed[one.element] = element
+            if apply and one.standing >= STANDS:
+                self.kept.add(one.element)
+                what = f"{_named(element)} was marked, not deleted"
+                self.notes.append(f"{what}: {one.standing:.0%} of its rays end on it, a part may stand")
+            if one.element in self.kept or not apply:
+                self._mark(element, REMOVED, one.probability, ObservableFraction=_known(one.observable_fraction))
+                set_status(self.draft, element, DEMOLISH)
+        for one in self.detection.elements:
+            if one.verdict == REMOVED and one.guid not in self.removed:
+                self._mark_verdict(one)
+
+    def mark_occluded(self) -> None:
+        """Our set on every occluded element."""
+        for one in self.detection.elements:
+            if one.verdict == OCCLUDED and one.guid not in self.removed and self._mark_verdict(one):
+                self.occluded[one.guid] = one
+
+    def add(self) -> None:
+        """A wall or column for every added mismatch, on its storey."""
+        ground, contents = ground_of(self.draft.model), {}
+        for number, one in enumerate(self.detection.mismatches, 1):
+            if one.mismatch_type != "added":
+                continue
+            what = f"mismatch {number}, an added {one.object_type},"
+            if flaw := flaw_of(one, ground):
+                self.notes.append(f"{what} was not written: {flaw}")
+                continue
+            name = f"added {one.object_type} {number}"
+            element, storey = add_object(self.draft, ground, one, name, sentence(box_of(one), one.mismatch_type))
+            self._mark(
+                element, "added", one.probability,
+                TypeProbability=_known(one.type_probability), ObservableFraction=_known(one.observable_fraction),
+                MovedFrom=self._origin(one),
+            )  # fmt: skip
+            set_status(self.draft, element, NEW)
+            self.added[element.GlobalId] = element
+            if storey is None:
+                self.notes.append(f"{what} is on no storey: the file has none, no building and no site")
+            else:
+                contents.setdefault(storey.id(), (storey, []))[1].append(element)
+        for storey, elements in contents.values():
+            contain(self.draft, storey, elements)
+
+    def delete_removed(self) -> None:
+        """Delete the elements of removed mismatches; what hangs on them is marked and stays."""
+        going = [element for guid, element in self.removed.items() if guid not in self.kept]
+        for element in hanging_on(going):
+            guid = element.GlobalId
+            what = f"{_named(element)} hung on a deleted element; it was kept"
+            if self._times[guid] == 1:
+                verdict = self._verdicts.get(guid)
+                known = (verdict.verdict, verdict.probability) if verdict else (None, math.nan)
+                self._mark(element, *known, Note="its host was removed")
+                what += " and marked"
+            self.notes.append(what)
+        delete(self.draft, going)
+
+    def _mark_verdict(self, one: ElementVerdict) -> bool:
+        element = self._find(one.guid, f"an element called {one.verdict}")
+        if element is not None:
+            self._mark(element, one.verdict, one.probability)
+        return element is not None
+
+    def _mark(self, element: Any, verdict: str | None, probability: float, **more: Any) -> None:
+        values = {
+            "Verdict": verdict,
+            "Probability": _known(told_probability(probability)),
+            **more,
+            "Doubts": self._doubts,
+            "Scans": tuple(one.file for one in self.detection.scans),
+            "Date": self.draft.when.isoformat(timespec="seconds"),
+            "Software": self.draft.software,
+        }
+        mark(self.draft, element, values)
+
+    def _find(self, guid: str | None, what: str) -> Any:
+        """The one product of that GlobalId; None, with a note, where there is not exactly one."""
+        if guid is None:
+            self.notes.append(f"{what} is no element of the file: nothing was changed for it")
+        elif self._times[guid] != 1:
+            found = f"{self._times[guid]} entities" if self._times[guid] else "none"
+            self.notes.append(f"{what} has the GlobalId {guid}, of which the file has {found}: nothing was changed")
+        elif not (found := self.draft.model.by_guid(guid)).is_a("IfcProduct"):
+            self.notes.append(f"{what} has the GlobalId of an {found.is_a()}, {guid}: nothing was changed for it")
+        else:
+            return found
+        return None
+
+    def _origin(self, one: Mismatch) -> str | None:
+        """GlobalId of the element that an added one seems to have been."""
+        return None if one.moved_from is None else self.detection.mismatches[one.moved_from].element
+
+
+def _named(element: Any) -> str:
+    return f"{element.is_a()} {element.GlobalId} ({element.Name or 'without a name'})"
+
+
+def _known(value: float | None) -> float | None:
+    """To a millionth; None for NaN."""
+    return None if value is None or value != value else round(float(value), 6)

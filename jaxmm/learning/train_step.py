@@ -1,0 +1,170 @@
+"""Training of the four scenario models: written for one model, stacked over scenarios, one jitted step for all.
+
+Axes: S scenarios (leading axis of every leaf of a stacked state), B clouds, N points, F features.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from jaxmm.config import Config, NetworkConfig, TrainConfig
+from jaxmm.learning.batches import Batch
+from jaxmm.learning.calibration import Calibration
+from jaxmm.learning.fused_layers import CLOUDS
+from jaxmm.learning.losses import LossSum, focal_loss
+from jaxmm.learning.network import PointNetwork, norm_of
+
+# Of XLA's CPU backend for the step: sums by YNNPACK, products by Eigen, which takes a tenth less time than YNNPACK for
+# both, the default. Options have no promise to stay, so other versions than the measured one keep their defaults.
+COMPILER_OPTIONS = (
+    {"xla_cpu_experimental_ynn_fusion_type": "LIBRARY_FUSION_TYPE_REDUCE"}
+    if jax.__version_info__[:2] == (0, 10)
+    else None
+)
+
+
+class Model(NamedTuple):
+    """What a network needs to predict."""
+
+    params: Any  # pytree of float arrays
+    batch_stats: Any  # pytree of float arrays: running mean and variance of each normalisation
+    calibration: Calibration | None = None  # of the logits, once training is over; None: as they are
+
+
+class TrainState(NamedTuple):
+    """One model in training, or all of them stacked on axis 0."""
+
+    model: Model
+    opt_state: optax.OptState
+
+
+class Validation(NamedTuple):
+    """How a model does on validation clouds; (S,) when stacked."""
+
+    loss: jax.Array  # mean focal loss over scored points [nat]
+    precision: jax.Array  # at the evaluation threshold; nan when nothing is predicted
+    recall: jax.Array  # nan when there are no positives
+
+
+def optimizer(config: TrainConfig) -> optax.GradientTransformation:
+    """Adam with L2 weight decay added to the gradient before the moments, as torch's Adam does it."""
+    rate = config.learning_rate
+    if config.schedule == "cosine":
+        rate = optax.cosine_decay_schedule(rate, config.step_count)
+    return optax.chain(optax.add_decayed_weights(config.weight_decay, mask=_decays), optax.adam(rate))
+
+
+def _decays(params: Any) -> Any:
+    """Which leaves decay: all but the biases that a normalisation cancels, for those have no gradient of their own.
+
+    Adam would turn even the smallest decay into steps of full size, which the running means then lag behind.
+    """
+    return {
+        layer: {leaf: leaf != "bias" or layer == norm_of(layer) or norm_of(layer) not in params for leaf in leaves}
+        for layer, leaves in params.items()
+    }
+
+
+def init_model(key: jax.Array, feature_count: int, config: NetworkConfig) -> Model:
+    """Fresh weights of one model."""
+    features, mask = jnp.zeros((1, feature_count)), jnp.ones(1, bool)
+    variables = PointNetwork(config).init(key, features, mask, train=False)
+    return Model(variables["params"], variables["batch_stats"])
+
+
+def init(key: jax.Array, feature_count: int, config: Config) -> TrainState:
+    """Fresh state of one model."""
+    model = init_model(key, feature_count, config.network)
+    return TrainState(model, optimizer(config.train).init(model.params))
+
+
+def batch_loss(params: Any, batch_stats: Any, batch: Batch, config: Config) -> tuple[jax.Array, Any]:
+    """Mean focal loss [nat] over the scored points of one model's clouds, and the updated running statistics."""
+    network = PointNetwork(config.network)
+
+    def one_cloud(features, mask, seed):
+        variables = {"params": params, "batch_stats": batch_stats}
+        return network.apply(variables, features, mask, train=True, seed=seed, mutable=["batch_stats"])
+
+    # Statistics are sums over the named axis, hence the same for every cloud: out_axes None takes them once.
+    over_clouds = jax.vmap(one_cloud, axis_name=CLOUDS, out_axes=(0, None))
+    logits, updated = over_clouds(batch.features, batch.mask, batch.seeds)
+    losses = jax.vmap(partial(focal_loss, config=config.loss))(logits, batch.labels, batch.scored)
+    return _mean(losses), updated["batch_stats"]
+
+
+def train_step(state: TrainState, batch: Batch, config: Config) -> tuple[TrainState, jax.Array]:
+    """One gradient step of one model (batch without the S axis). Pure: same inputs, same outputs."""
+    model, opt_state = state
+    of_loss = jax.value_and_grad(batch_loss, has_aux=True)
+    (loss, batch_stats), gradient = of_loss(model.params, model.batch_stats, batch, config)
+    updates, opt_state = optimizer(config.train).update(gradient, opt_state, model.params)
+    return TrainState(Model(optax.apply_updates(model.params, updates), batch_stats), opt_state), loss
+
+
+def validate(model: Model, batch: Batch, config: Config) -> Validation:
+    """Loss, precision and recall of one model on its validation clouds, one cloud after the other to save memory."""
+
+    def one_cloud(cloud: Batch):
+        logits = logits_of(model, cloud.features, cloud.mask, config.network)
+        found = (jax.nn.sigmoid(logits) >= config.evaluate.threshold) & cloud.scored
+        positive = cloud.labels & cloud.scored
+        hits = jnp.sum(found & positive)
+        return focal_loss(logits, cloud.labels, cloud.scored, config.loss), hits, found.sum(), positive.sum()
+
+    losses, hits, found, positives = jax.lax.map(one_cloud, batch)
+    return Validation(_mean(losses), hits.sum() / found.sum(), hits.sum() / positives.sum())
+
+
+def logits_of(model: Model, features: jax.Array, mask: jax.Array, config: NetworkConfig) -> jax.Array:
+    """Logits (N,) of one cloud, by running statistics and without dropout."""
+    variables = {"params": model.params, "batch_stats": model.batch_stats}
+    return PointNetwork(config).apply(variables, features, mask, train=False)
+
+
+@partial(jax.jit, static_argnames=("feature_count", "config", "count"))
+def init_all(key: jax.Array, feature_count: int, config: Config, count: int = 4) -> TrainState:
+    """States of all S models, stacked."""
+    return jax.vmap(partial(init, feature_count=feature_count, config=config))(jax.random.split(key, count))
+
+
+@partial(jax.jit, static_argnames="config", donate_argnames="states", compiler_options=COMPILER_OPTIONS)
+def train_step_all(states: TrainState, batch: Batch, config: Config) -> tuple[TrainState, jax.Array]:
+    """One step of all S models; losses (S,). Equal to S separate train_step calls."""
+    step = partial(train_step, config=config)
+    if config.train.map_models == "vmap":
+        return jax.vmap(step)(states, batch)
+    # One model after the other inside the step needs the memory of one model's activations, not of S.
+    return jax.lax.map(lambda one: step(*one), (states, batch))
+
+
+@partial(jax.jit, static_argnames="config")
+def validate_all(models: Model, batch: Batch, config: Config) -> Validation:
+    """Validation of all S models."""
+    return jax.lax.map(lambda one: validate(*one, config), (models, batch))
+
+
+@partial(jax.jit, static_argnames="config")
+def probabilities(model: Model, features: jax.Array, mask: jax.Array, config: NetworkConfig) -> jax.Array:
+    """Probability (N,) that each point of one cloud belongs to the model's mismatch."""
+    logits = logits_of(model, features, mask, config)
+    if model.calibration is not None:
+        logits = jnp.interp(logits, model.calibration.logit, model.calibration.calibrated)
+    return jax.nn.sigmoid(logits)
+
+
+@partial(jax.jit, static_argnames="config")
+def all_logits(models: Model, batch: Batch, config: NetworkConfig) -> jax.Array:
+    """Logits (S, B, N) of all models on their clouds, one cloud after the other to save memory."""
+
+    def one_model(model: Model, clouds: Batch):
+        return jax.lax.map(lambda cloud: logits_of(model, cloud.features, cloud.mask, config), clouds)
+
+    return jax.lax.map(lambda one: one_model(*one), (models, batch))
+
+
+def _mean(losses: LossSum) -> jax.Array:
+    return jnp.sum(losses.total) / jnp.maximum(jnp.sum(losses.count), 1)

@@ -1,0 +1,14 @@
+"""A Detection or scores in, files that people open out. Imports the root, formats, rays, learning and verdicts."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "bcf": ["write_bcf"],
+        "detection_figures": ["write_figures"],
+        "markdown": ["as_markdown"],
+        "page": ["write_page"],
+        "plain_files": ["write_plain"],
+    },
+)

@@ -1,0 +1,129 @@
+"""What is said of every mismatch to people who will settle it in their own tools: a topic each.
+
+World frame of the prior: metres, z up.
+"""
+
+import re
+import uuid
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from jaxmm.learning.boxes import MISMATCH_TYPES, OBJECT_TYPES
+from jaxmm.rays.evidence import FRACTIONS
+from jaxmm.reports.markdown import chance, other_type, sizes
+from jaxmm.reports.snapshots import Camera, best_scan, camera_at
+from jaxmm.reports.verdict_words import ASSUMED_WORDS
+from jaxmm.verdicts.results import Detection, Mismatch
+
+PRIORITIES = (("High", 0.9), ("Normal", 0.7), ("Low", 0.0))  # by the least probability of each
+MOVED = "moved"
+LABELS = (*OBJECT_TYPES, *MISMATCH_TYPES, MOVED)
+
+LEAST_TURN = 0.5  # [deg] that is worth a word
+SQUARE = 0.005  # [m] by which sides may differ that are called equal
+_FAMILY = uuid.UUID("3d0b6f0e-6d52-5f0b-9a55-2b8f4d5c7e11")  # the GUIDs of all projects are names in this family
+_GLOBAL_ID = re.compile(r"[0-3][0-9A-Za-z_$]{21}", re.ASCII)
+_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # what XML 1.0 cannot hold at all
+_LONGEST_NAME = 200  # characters of a file's own names that a reader is asked to look at
+
+
+class Topic(NamedTuple):
+    """What one mismatch becomes."""
+
+    guid: str  # lower case, hyphenated
+    title: str
+    description: str
+    labels: tuple[str, ...]  # of LABELS
+    priority: str  # of PRIORITIES
+    related: tuple[str, ...]  # GUIDs of the topics that tell of the same object elsewhere
+    camera: Camera
+    mismatch: Mismatch
+
+
+def topics_of(detection: Detection, project: str) -> tuple[Topic, ...]:
+    """The topics of all mismatches, in their order."""
+    mismatches, sentences = detection.mismatches, detection.sentences
+    guids = tuple(_guids(mismatches, sentences, project))
+    links = [(number, one.moved_from) for number, one in enumerate(mismatches) if one.moved_from is not None]
+    doubts = [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
+    topics: list[Topic] = []
+    for number, (one, words) in enumerate(zip(mismatches, sentences, strict=True)):
+        twins = [removed for added, removed in links if added == number]
+        twins += [added for added, removed in links if removed == number]
+        scan = best_scan(detection, one)
+        seen = f"Seen best by the scan {one_line(detection.scans[scan].file)}."
+        lines = [words, *doubts, *_facts(one, detection), seen]
+        lines += [f"Seems to be the same object, moved: {sentences[twin]}" for twin in twins]
+        topics.append(Topic(
+            guids[number], words.partition(" with dimensions")[0], "\n".join(lines),
+            (one.object_type, one.mismatch_type, *((MOVED,) if twins else ())),
+            next((name for name, least in PRIORITIES if one.probability >= least), PRIORITIES[-1][0]),
+            tuple(guids[twin] for twin in twins), camera_at(detection.scans[scan].pose, one.center), one,
+        ))  # fmt: skip
+    return tuple(topics)
+
+
+def project_guid(project: str) -> uuid.UUID:
+    """What its name makes of a project."""
+    return uuid.uuid5(_FAMILY, legal(project))
+
+
+def global_id(mismatch: Mismatch) -> str | None:
+    """The GlobalId of a removed element that an IFC file can hold; None for all else, like the node of a mesh."""
+    return mismatch.element if mismatch.mismatch_type == "removed" and is_global_id(mismatch.element) else None
+
+
+def is_global_id(text: str | None) -> bool:
+    """Whether an IFC file can have this GlobalId."""
+    return _GLOBAL_ID.fullmatch(text or "") is not None
+
+
+def one_line(text: str) -> str:
+    """A name from a file on one line, of a bearable length."""
+    text = " ".join(legal(text).split())
+    return text if len(text) <= _LONGEST_NAME else f"{text[: _LONGEST_NAME - 1]}…"
+
+
+def legal(text: str) -> str:
+    """Text with a mark in place of what XML cannot hold."""
+    return _NOT_XML.sub("\ufffd", text)
+
+
+def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project: str) -> Iterator[str]:
+    """By change and place alone: a probability may differ a little from run to run."""
+    family = project_guid(project)
+    seen: dict[str, int] = {}
+    for one, words in zip(mismatches, sentences, strict=True):
+        content = f"{words}/{one.rotation:.2f}/{legal(one.element or '')}"
+        seen[content] = seen.get(content, 0) + 1
+        yield str(uuid.uuid5(family, f"{content}/{seen[content]}"))
+
+
+def _turn(mismatch: Mismatch) -> float:
+    """Its turn [deg]; of a square one the least that makes it look like that."""
+    is_square = abs(mismatch.dimensions[0] - mismatch.dimensions[1]) < SQUARE
+    return (mismatch.rotation + 45.0) % 90.0 - 45.0 if is_square else mismatch.rotation
+
+
+def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
+    if not all(mismatch.measured):
+        yield f"Of its size {sizes(mismatch)} m: {ASSUMED_WORDS}"
+    if abs(turn := _turn(mismatch)) >= LEAST_TURN:
+        yield f"It is turned by {turn:.1f}° counter-clockwise."
+    yield f"The probability that this is real is {chance(mismatch.probability)}."
+    if (other := other_type(mismatch)) is not None:
+        yield f"The probability that it is a {other[0]} instead is {chance(other[1])}."
+    if mismatch.observable_fraction is not None:
+        yield f"Of the object, {mismatch.observable_fraction:.0%} could be observed."
+    if mismatch.element is None:
+        return
+    told = next((one for one in detection.elements if one.guid == mismatch.element), None)
+    if told is None:
+        yield f"Element of the model: {one_line(mismatch.element)}."
+        return
+    words = [one_line(told.ifc_class), f'"{one_line(told.name)}"' if told.name else "", one_line(told.guid)]
+    words.append(f'storey "{one_line(told.storey)}"' if told.storey else "")
+    yield f"Element of the model: {', '.join(word for word in words if word)}."
+    yield f"Its verdict is {told.verdict}; the probability that it was removed is {chance(told.probability)}."
+    counts = ", ".join(f"{count} {name}" for name, count in zip(FRACTIONS, told.rays, strict=True))
+    yield f"Evidence: {told.points} points of the model's scan lie on it; of the robot's rays there, {counts}."

@@ -1,0 +1,40 @@
+"""What the verdicts and the evidence mean, in plain words: every report, page and figure takes them from here."""
+
+from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+
+VERDICT_WORDS: dict[str, str] = {
+    PRESENT: "The scan met the element where the model has it.",
+    REMOVED: "The scan looked through the place where the model has the element: it is not there any more.",
+    OCCLUDED: (
+        "The scanner was turned to the element, but other things stood in between, or too little of it was met to "
+        "tell. It may be there or not: look again, from the proposed viewpoint where there is one."
+    ),
+    UNSCANNED: (
+        "As the model has it, no ray of the scanner would reach the element: it is out of view or range, or behind "
+        "other parts of the building. Nothing is said of it."
+    ),
+}
+# Of a place of the model, in the order of evidence.FRACTIONS.
+EVIDENCE_WORDS: dict[str, str] = {
+    "through": "Rays passed through this place of the model and met something behind it: nothing stands here.",
+    "support": "Rays ended here, where the model has a surface.",
+    "blocked": "Rays ended before this place: something stands in front of it.",
+    "unseen": "No ray that came back passed here.",
+}
+# The same four, of a point that the robot measured.
+ROBOT_EVIDENCE_WORDS: dict[str, str] = {
+    "through": "Measured behind a surface of the model: the ray passed through it.",
+    "support": "Measured on a surface of the model.",
+    "blocked": "Measured in front of the model's surface: the model does not have this thing, which may be furniture.",
+    "unseen": "Measured where the model has nothing along the ray.",
+}
+PROBABILITY_OF_MISMATCH = "The probability of a mismatch is that it is real."
+PROBABILITY_WORDS = f"{PROBABILITY_OF_MISMATCH} That of an element is that it was removed, whatever its verdict."
+SURE_OF_TYPE = 0.95  # probability of its type, below which an object is told to be of the other one, perhaps
+OTHER_TYPE_WORDS = "A second type, and its probability: what is seen of the object leaves open which of both it is."
+ASSUMED = "~"
+ASSUMED_WORDS = f"{ASSUMED} before a size: not seen from end to end, but assumed."
+OBSERVABLE_WORDS = (
+    "The observable share of an object is how much of it the scan could tell of, out of all that would be seen of it "
+    "if it stood alone in the field of view."
+)

@@ -1,0 +1,13 @@
+"""A prior, rays and models in, a Detection out. Imports the root, formats, rays, learning and objects."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "detection": ["NamedScan", "detect_scans"],
+        "priors": ["Prior", "prior_of_building", "prior_of_cloud", "read_prior"],
+        "results": ["Detection", "Mismatch", "to_json"],
+        "settings": ["DetectSettings", "load_settings"],
+    },
+)

@@ -1,0 +1,159 @@
+"""Joins scanner and evidence where the prior is a building: what a robot scan's rays say of its elements.
+
+N points of one side, P rays, E elements, S storeys. Positions are offsets from the building's origin, world axes:
+metres, z up.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.rays.evidence import Frame, Noise, View, margins, noise_of, sigma_at
+from jaxmm.rays.pair_evidence import EVERY, FOOTPRINT, MOST_ANGLE
+from jaxmm.rays.scan_rays import ScanRays, frame_of_rays, measured_points
+from jaxmm.rays.views import Along, view_of_prior, view_of_robot
+from jaxmm.verdicts.floor_levels import levels_at, levels_of
+from jaxmm.verdicts.placement import Passed
+from jaxmm.verdicts.priors import Prior
+from warp_scanner.clouds.neighbours import nearest
+from warp_scanner.clouds.sightlines import Predicted, Targets, look, sort_directions
+from warp_scanner.clouds.voxels import thin_clouds
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.surface import incidence_of
+from warp_scanner.sensors.triangles import TriangleScene, cast_faces, cast_triangles, clearance, face_normals
+
+VOXEL = 0.1  # [m]
+LAYERS = 6  # of surfaces along a ray, those where it leaves something included
+BEYOND = 0.005  # [m] behind a surface, from where the next is looked for
+PASSES = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a surface passes through it
+FARTHEST = 2.0  # [m] beyond which the distance to the prior's surface is not looked for
+
+
+class Hits(NamedTuple):
+    """What some rays meet in the prior."""
+
+    distance: np.ndarray  # (P,) float32 [m], inf = nothing
+    element: np.ndarray  # (P,) int32, -1
+    cosine: np.ndarray  # (P,) float32 of the incidence, NaN = nothing
+
+
+class Sighting(NamedTuple):
+    """Both sides of one scan, as evidence has them."""
+
+    prior: View
+    robot: View
+    frame: Frame
+    expected: Hits  # of the scan's rays
+    margin: np.ndarray  # (P,) float32 [m]
+    noise: Noise
+    shown: np.ndarray  # (Q, 3) float32 [m] where the rays of the pattern meet the prior; NaN: nowhere
+    reached: np.ndarray  # (E,) bool: elements that some ray of the pattern meets
+
+
+def hits_of(scene: TriangleScene, position: np.ndarray, direction: np.ndarray) -> Hits:
+    """Cast rays from one place at all elements."""
+    rays = Rays(np.asarray(position, np.float64)[None], direction)
+    scan, face = cast_faces(scene, rays)
+    cosine = np.cos(incidence_of(face_normals(scene.triangles, face), rays))[0]
+    return Hits(scan.distance[0], scan.element[0], cosine)
+
+
+def passes(distance: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """(P,) bool: rays that end clearly behind a surface, of those that end and meet one (P,) [m]; false for inf."""
+    return distance > expected + PASSES[0] + PASSES[1] * distance
+
+
+def passed_by(scene: TriangleScene, rays: ScanRays) -> Passed:
+    """How many of a scan's rays pass through a building, and how many through none of it."""
+    direction, distance = rays.direction[: rays.measured], rays.distance[: rays.measured]
+    expected = cast_triangles(scene, Rays(rays.position[None], direction)).distance[0]
+    through = passes(distance, expected)
+    return Passed(float(through.mean()), float(np.isinf(expected).mean()))
+
+
+def surfaces_along(scene: TriangleScene, rays: ScanRays) -> np.ndarray:
+    """(M, 3) float32 [m] where the rays of the pattern enter elements of the prior, hidden ones too.
+
+    It is what a scan is registered to: were it only what is in sight, a wall that is gone would draw what is seen
+    behind it to its place.
+    """
+    direction, found = rays.pattern, []
+    origin, last = np.tile(rays.position, (len(direction), 1)), np.full(len(direction), -1)
+    for _ in range(LAYERS):
+        scan = cast_triangles(scene, Rays(origin[None], direction[None]))
+        reach, element = scan.distance[0].astype(np.float64), scan.element[0]
+        hit = np.isfinite(reach) & (np.linalg.norm(origin - rays.position, axis=1) + reach <= rays.limit)
+        if not hit.any():
+            break
+        places = origin[hit] + direction[hit] * reach[hit, None]
+        entered = element[hit] != last[hit]  # else it is where the ray leaves what it had entered
+        found.append(places[entered].astype(np.float32))
+        direction, last = direction[hit], element[hit]
+        origin = places + direction * BEYOND
+    return np.concatenate(found) if found else np.zeros((0, 3), np.float32)
+
+
+def sight(prior: Prior, rays: ScanRays) -> Sighting:
+    """Compare a scan with a building, ray by ray."""
+    scene = prior.scene
+    expected = hits_of(scene, rays.position, rays.direction)
+    thin = slice(None, rays.measured, EVERY)
+    with np.errstate(invalid="ignore"):  # no return where none was expected
+        residual = rays.distance - expected.distance
+    noise = noise_of(residual[thin], expected.cosine[thin], expected.distance[thin])
+    margin = margins(expected.cosine, sigma_at(noise, expected.distance))
+    shown = cast_triangles(scene, Rays(rays.position[None], rays.pattern))
+    reach, element = shown.distance[0].copy(), shown.element[0]
+    reach[reach > rays.limit] = np.inf
+    with np.errstate(invalid="ignore"):
+        places = (rays.position + rays.pattern * reach[:, None].astype(np.float64)).astype(np.float32)
+    places[np.isinf(reach)] = np.nan
+    reached = np.zeros(len(scene.triangles.semantic), bool)
+    reached[element[np.isfinite(reach)]] = True
+    hit = np.flatnonzero(np.isfinite(reach))
+    kept = hit[thin_clouds([places[hit]], VOXEL)[0]]
+    measured = measured_points(rays)
+    own = thin_clouds([measured], VOXEL)[0]
+    of_prior = _prior_view(
+        scene, rays, (expected, margin, noise), (places[kept], reach[kept], element[kept]), measured[own]
+    )
+    of_robot = _robot_view(scene, rays, (expected, margin, noise), (measured[own], own))
+    frame = frame_of_rays(rays, *levels_of(scene, rays, measured, prior.building.storeys.elevation))
+    return Sighting(
+        *(view._replace(levels=levels_at(scene, view.points, frame)) for view in (of_prior, of_robot)),
+        frame,
+        expected, margin, noise, places, reached,
+    )  # fmt: skip
+
+
+def _prior_view(
+    scene: TriangleScene,
+    rays: ScanRays,
+    told: tuple[Hits, np.ndarray, Noise],
+    seen: tuple[np.ndarray, np.ndarray, np.ndarray],
+    robot: np.ndarray,
+) -> View:
+    """What the robot's rays say of points that the pattern shows of the prior."""
+    (expected, margin, noise), (points, reach, element) = told, seen
+    direction = ((points - rays.position) / reach[:, None]).astype(np.float32)
+    angle = np.clip(FOOTPRINT / reach, 0.75 * rays.spacing, max(MOST_ANGLE, 0.75 * rays.spacing))
+    unused = np.zeros(len(reach), np.float32)
+    targets = Targets(direction, reach, angle, unused, unused, element)
+    predicted = Predicted(expected.distance[None], expected.element[None], margin[None])
+    found = look(sort_directions(rays.direction), rays.distance[None], [targets], predicted)[0]
+    cosine = hits_of(scene, rays.position, direction).cosine
+    own = margins(cosine, sigma_at(noise, reach))
+    apart = nearest([points], [robot])[0].distance.astype(np.float32)
+    return view_of_prior(points, element, (found.count, found.residual), own, apart, cosine)
+
+
+def _robot_view(
+    scene: TriangleScene,
+    rays: ScanRays,
+    told: tuple[Hits, np.ndarray, Noise],
+    kept: tuple[np.ndarray, np.ndarray],
+) -> View:
+    """What the prior says of the robot's points, along their own rays and all around."""
+    (expected, margin, noise), (points, own) = told, kept
+    fields = (rays.distance, expected.distance, margin, expected.cosine)
+    return view_of_robot(points, Along(*(field[own] for field in fields)), clearance(scene, points, FARTHEST), noise)

@@ -1,0 +1,62 @@
+"""Compares a robot scan with a prior that is a cloud itself: only what of it the sensor could see counts.
+
+M points of the prior, N of the robot. Positions are offsets from the prior's origin, world axes: metres, z up.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.inputs import InputError
+from jaxmm.rays.cloud_evidence import FOOTPRINT, MOST_ANGLE, CloudPair, frame_of_pair, prior_view, robot_view
+from jaxmm.rays.evidence import BLOCKED, SUPPORT, Frame, View, margins
+from jaxmm.rays.scan_rays import ScanRays, measured_points
+from warp_scanner.clouds.neighbours import nearest
+from warp_scanner.clouds.sightlines import Targets, cells_of, look, sort_directions
+from warp_scanner.clouds.voxels import thin_clouds
+
+VOXEL = 0.1  # [m]
+LEAST_POINTS = 50  # of the prior in view
+
+
+class Compared(NamedTuple):
+    """Both sides of one scan, as evidence has them."""
+
+    prior: View
+    robot: View
+    frame: Frame
+
+
+def compare(cloud: np.ndarray, rays: ScanRays) -> Compared:
+    """What the two clouds say of each other.
+
+    Raises:
+        InputError: hardly any of the prior lies in view.
+    """
+    prior = visible(cloud, rays)
+    if len(prior) < LEAST_POINTS:
+        raise InputError(f"the prior has {len(prior)} points in view, expected at least {LEAST_POINTS}; check the pose")
+    robot = measured_points(rays)
+    robot = robot[thin_clouds([robot], VOXEL)[0]]
+    pair = CloudPair(prior, robot, rays.position)
+    forth, back = (nearest([a], [b])[0].distance.astype(np.float32) for a, b in ((prior, robot), (robot, prior)))
+    return Compared(prior_view(pair, forth), robot_view(pair, back), frame_of_pair(pair))
+
+
+def visible(cloud: np.ndarray, rays: ScanRays) -> np.ndarray:
+    """The points of a cloud that lie in the field of view and are not behind others of its own."""
+    offset = cloud.astype(np.float64) - rays.position
+    reach = np.linalg.norm(offset, axis=1)
+    near = (reach > 1e-3) & (reach <= rays.limit)
+    points, direction, reach = cloud[near], (offset[near] / reach[near, None]).astype(np.float32), reach[near]
+    cell = 3.0 * rays.spacing
+    inside = np.isin(cells_of(direction, cell)[0], np.unique(cells_of(rays.pattern, cell)[0]))
+    points, direction, reach = points[inside], direction[inside], reach[inside].astype(np.float32)
+    if not len(points):
+        return points
+    angle = np.clip(FOOTPRINT / reach, 0.0, MOST_ANGLE).astype(np.float32)
+    margin = margins(np.full(len(reach), 0.3), 0.03)  # thinned surfaces that slant are not behind themselves
+    nobody, level = np.full(len(reach), -1), np.zeros(len(reach), np.float32)
+    targets = Targets(direction, reach, angle, margin, level, nobody)
+    count = look(sort_directions(direction), reach[None], [targets], width=angle[None])[0].count
+    return points[count[:, SUPPORT] > count[:, BLOCKED]]

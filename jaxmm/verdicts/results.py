@@ -1,0 +1,276 @@
+"""What a detection says, as typed objects and as the content of report.json.
+
+World frame of the prior: metres, z up. N points of all robot scans, M points of all scans of the prior, E elements of
+the prior, V vertices, T triangles.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxmm.learning.boxes import Box, sentence
+from jaxmm.rays.evidence import FRACTIONS
+from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, STANDS, UNSCANNED, VERDICTS
+
+Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
+MOST_NAMED = 5  # in notes on elements
+# Of a present element of which a part may be gone: share of the rays that tell of it, that pass, and how many at least.
+# In 1,001 verdicts of unchanged rooms and buildings, scanned as built, 8 elements have more.
+GONE, LEAST_THROUGH = 0.2, 100
+PLURAL = {"wall": "walls", "pillar": "pillars"}
+
+
+class PriorFile(NamedTuple):
+    """The file that the scans were compared with."""
+
+    file: str  # name, without folders
+    kind: str  # "ifc" | "mesh" | "cloud"
+    unit: float  # [m] length of its unit: an IFC file says it, for any other --prior-unit does, or how the scans fit
+    project: str | None = None  # GlobalId of the IfcProject; None for all but IFC files
+
+
+class Mismatch(NamedTuple):
+    """One changed object."""
+
+    object_type: str  # "pillar" | "wall"
+    mismatch_type: str  # "added" | "removed"
+    center: np.ndarray  # (3,) float64 [m] of the upright box
+    dimensions: np.ndarray  # (3,) float64 [m] full edges along the box's own axes
+    rotation: float  # yaw [deg] from world x to the box's first axis
+    probability: float  # that it is real
+    element: str | None = None  # GlobalId or node of the prior's element, of a removed one
+    moved_from: int | None = None  # of an added object: index of the removed one that it seems to be
+    observable_fraction: float | None = None  # of what would be seen of it if it stood alone; None where unknown
+    shape: str = "rectangular"  # "rectangular" | "round": the footprint
+    measured: tuple[bool, bool, bool] = (True, True, True)  # of the dimensions: seen, or the model's, not assumed
+    type_probability: float | None = None  # that it is of its type, if it is real; None where nobody asked
+    told_by: tuple[int, ...] = ()  # of each scan: rays that show that it is new, or gone; not in report.json
+    standing: float = 0.0  # share of the rays that tell of a removed element, that end on it; not in report.json
+    shaft: np.ndarray | None = None  # (2,) [m] edges of a removed column halfway up; not in report.json
+
+
+class ElementVerdict(NamedTuple):
+    """What the scans say of one element of the prior."""
+
+    guid: str
+    ifc_class: str  # empty for meshes
+    name: str
+    storey: str  # name; empty where the file has none
+    verdict: str  # one of verdicts.VERDICTS
+    probability: float  # P(removed); the prior's own where nothing was seen
+    points: int  # of the prior's scans on it
+    rays: tuple[int, int, int, int]  # of the robot in the footprints of those, in the order of evidence.FRACTIONS
+    next_view: Pose | None = None  # of an occluded element: the nearest free place that would show it
+
+
+class ScanRecord(NamedTuple):
+    """One robot scan, and what it added."""
+
+    file: str
+    points: int  # in the file
+    pose: Pose  # as used, after registration
+    pose_source: str  # "given", "file" or "estimated"
+    deviation: Pose | None  # standard deviations of an estimated pose
+    registration: dict[str, float]  # shift [m], turn [deg], residual [m], overlap, overlap_before
+    told: dict[str, int]  # by verdict: elements whose verdict this scan changed, in the order of the scans
+    notes: tuple[str, ...] = ()
+    shows: int = 0  # mismatches that some of its rays tell of
+    alone: int = 0  # of those: all other scans together have too few rays to tell of so many
+    doubts: tuple[str, ...] = ()  # those of its notes that say that it may be of another place, or pose
+
+    @property
+    def doubted(self) -> bool:
+        """Whether anything speaks against it."""
+        return bool(self.doubts)
+
+
+class Drawing(NamedTuple):
+    """The points and surfaces behind a detection, for whoever draws it; thinned to about one point a voxel."""
+
+    origin: np.ndarray  # (3,) float64 [m] world position that all offsets count from
+    robot: np.ndarray  # (N, 3) float32 [m] offsets
+    robot_probability: np.ndarray  # (N,) float32 that the point is of an added object
+    robot_evidence: np.ndarray  # (N,) uint8 index into evidence.FRACTIONS of what most of its rays did
+    robot_scan: np.ndarray  # (N,) int32 number of the scan
+    prior: np.ndarray  # (M, 3) float32 [m] offsets
+    prior_probability: np.ndarray  # (M,) float32 that the point is gone
+    prior_evidence: np.ndarray  # (M,) uint8
+    prior_element: np.ndarray  # (M,) int32 index into `guid`; -1 where the prior has no elements
+    guid: tuple[str, ...]  # (E,) of every element of the prior, of whatever class
+    vertices: np.ndarray | None  # (V, 3) float32 [m] offsets of the prior's surface; None for a cloud
+    faces: np.ndarray | None  # (T, 3) int32
+    face_element: np.ndarray | None  # (T,) int32 index into `guid`
+    fields_of_view: tuple[np.ndarray, ...]  # of each scan: (4, 3) or (0, 3) float32, unit vectors of a camera's corners
+
+
+class Detection(NamedTuple):
+    """All that `jaxmm detect` found."""
+
+    mismatches: tuple[Mismatch, ...]
+    elements: tuple[ElementVerdict, ...]
+    scans: tuple[ScanRecord, ...]
+    registration: dict[str, Any]
+    settings: dict[str, Any]
+    timing: dict[str, float]  # [s] by stage
+    notes: tuple[str, ...]  # what a user must know of how files were read and of what was found, a line each
+    drawing: Drawing
+    prior: PriorFile | None = None  # None where the prior came as arrays
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The mismatches in words, one each."""
+        return tuple(sentence(box_of(one), one.mismatch_type) for one in self.mismatches)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against where the scans were taken from, and so against all that they tell: a line each."""
+        of_scans = (f"{one.file}: {doubt}" for one in self.scans for doubt in one.doubts)
+        return (*of_scans, *nothing_present(self.elements))
+
+    def __repr__(self) -> str:
+        """The summary: the arrays behind it fill screens."""
+        return f"<Detection: {self.summary()}>"
+
+    def count(self, verdict: str) -> int:
+        """How many elements have a verdict."""
+        return sum(one.verdict == verdict for one in self.elements)
+
+    def summary(self) -> str:
+        """One line: how many mismatches, how many elements of which verdict."""
+        kinds = [(change, kind) for change in ("added", "removed") for kind in ("pillar", "wall")]
+        found = []
+        for change, kind in kinds:
+            count = sum(one.mismatch_type == change and one.object_type == kind for one in self.mismatches)
+            if count:
+                found.append(f"{count} {kind if count == 1 else PLURAL[kind]} {change}")
+        verdicts = ", ".join(f"{self.count(name)} {name}" for name in (PRESENT, REMOVED, OCCLUDED, UNSCANNED))
+        told = f"; of {len(self.elements)} elements {verdicts}" if self.elements else ""
+        return f"{', '.join(found) or 'no mismatch'}{told}"
+
+
+def nothing_present(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
+    """What speaks against all that was found: that elements are gone, and none is there."""
+    count = {verdict: sum(one.verdict == verdict for one in elements) for verdict in VERDICTS}
+    if count[PRESENT] or not count[REMOVED]:
+        return ()
+    gone = "1 is" if count[REMOVED] == 1 else f"{count[REMOVED]} are"
+    return (f"{gone} told to be removed, and nothing to be present: is the scan of this building, and in this place?",)
+
+
+def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
+    """What a reader must know: that no element is present, and what may stand, or be gone, in part."""
+    known = {one.guid: one for one in elements}
+    stands = [
+        f"{_named(known.get(one.element))} ({one.element}) is told to be removed, but {one.standing:.0%} of the rays "
+        "that tell of it end on it: a part of it may stand"
+        for one in mismatches
+        if one.mismatch_type == "removed" and one.standing >= STANDS
+    ]
+    holes = [
+        f"{_named(one)} ({one.guid}) is told to be present, but {_passed(one):.0%} of the rays that tell of it pass "
+        "through its place: a part of it may be gone"
+        for one in elements
+        if one.verdict == PRESENT and one.rays[0] >= LEAST_THROUGH and _passed(one) >= GONE
+    ]
+    return (
+        *nothing_present(elements),
+        *_first(stands, "removed elements a part may stand, too"),
+        *_first(holes, "present elements a part may be gone, too"),
+    )
+
+
+def open_doors(names: list[str]) -> tuple[str, ...]:
+    """That doors of these names are no barrier; nothing without any."""
+    if not names:
+        return ()
+    which = ", ".join(names[:MOST_NAMED]) + (", ..." if len(names) > MOST_NAMED else "")
+    are, they = ("1 door lets", "it") if len(names) == 1 else (f"{len(names)} doors let", "they")
+    return (
+        f"{are} rays pass, as open ones do: {which}; what stands behind passes for out of reach, unless {they} "
+        f"{'is' if len(names) == 1 else 'are'} left out of the model (--open-doors)",
+    )
+
+
+def _named(one: ElementVerdict | None) -> str:
+    """Class and name of an element; None: of one that is told of without a verdict."""
+    return f"{one.ifc_class or 'element'} {one.name!r}" if one else "element"
+
+
+def _passed(one: ElementVerdict) -> float:
+    """Share of the rays that tell of an element, that pass through its place."""
+    through, support = one.rays[:2]
+    return through / max(through + support, 1)
+
+
+def _first(lines: list[str], others: str) -> list[str]:
+    """As many of some lines as are named, and how many others there are."""
+    more = len(lines) - MOST_NAMED
+    return lines if more <= 0 else [*lines[:MOST_NAMED], f"of {more} more {others}"]
+
+
+def box_of(mismatch: Mismatch) -> Box:
+    """The box that a mismatch fills."""
+    return Box(
+        mismatch.object_type, mismatch.center, mismatch.dimensions, mismatch.rotation, mismatch.shape,
+        mismatch.probability,
+    )  # fmt: skip
+
+
+def to_json(detection: Detection) -> dict[str, Any]:
+    """The content of report.json; valid against report_schema.json. Numbers that are not finite become null."""
+    return {
+        "mismatches": [_mismatch(one) for one in detection.mismatches],
+        "elements": [_element(one) for one in detection.elements],
+        "prior": _prior(detection.prior),
+        "scans": [_scan(one) for one in detection.scans],
+        "sentences": list(detection.sentences),
+        "registration": _plain(detection.registration),
+        "settings": _plain(detection.settings),
+        "timing": _plain({name: round(value, 4) for name, value in detection.timing.items()}),
+        "notes": list(detection.notes),
+    }
+
+
+def _mismatch(one: Mismatch) -> dict[str, Any]:
+    told = one._asdict() | {"probability": told_probability(one.probability)}
+    if one.type_probability is not None:
+        told["type_probability"] = told_probability(one.type_probability)
+    del told["told_by"], told["standing"], told["shaft"]
+    return _plain(told)
+
+
+def _element(one: ElementVerdict) -> dict[str, Any]:
+    evidence = {"points": one.points} | dict(zip(FRACTIONS, one.rays, strict=True))
+    told = one._asdict()
+    del told["points"], told["rays"]
+    return _plain(told | {"evidence": evidence, "probability": told_probability(one.probability)})
+
+
+def told_probability(value: float) -> float:
+    """A probability to six digits; what is nearly sure, or nearly excluded, is not rounded to it. NaN stays NaN."""
+    value = float(value)
+    return min(max(round(value, 6), 1e-6), 1.0 - 1e-6) if 0.0 < value < 1.0 else value
+
+
+def _prior(one: PriorFile | None) -> dict[str, Any] | None:
+    return None if one is None else one._asdict()  # a unit as it is: a foot has more digits than a micrometre
+
+
+def _scan(one: ScanRecord) -> dict[str, Any]:
+    return _plain(one._asdict() | {"doubted": one.doubted})
+
+
+def _plain(value: Any) -> Any:
+    """NumPy and tuples to what JSON knows; micrometres are enough of any length."""
+    if isinstance(value, dict):
+        return {str(name): _plain(one) for name, one in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(one) for one in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return round(float(value), 6) if math.isfinite(value) else None
+    return value

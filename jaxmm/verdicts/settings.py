@@ -1,0 +1,62 @@
+"""How to detect: the settings of `jaxmm detect`, with their defaults; a TOML file may set any of them."""
+
+import dataclasses
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from jaxmm.config import ConfigError, bounded, build, one_of
+from jaxmm.inputs import one_line
+from jaxmm.learning.boxes import BoxSettings
+from jaxmm.objects.finder import ObjectSettings
+from jaxmm.verdicts.placement import OF_CLOUDS, FitLimits
+from jaxmm.verdicts.verdicts import VerdictSettings
+
+PRESETS = ("default", "thesis")
+CLASSES = ("wall", "column", "door", "window", "slab")
+
+
+@dataclasses.dataclass(frozen=True)
+class DetectSettings:
+    """How to detect."""
+
+    preset: str = one_of("default", *PRESETS)  # thesis: its boxes of whatever its four models yield, `objects` unused
+    least_probability: float = bounded(0.5, 0.0, 1.0)  # of a mismatch, to be reported
+    classes: tuple[str, ...] = ("wall", "column")  # of CLASSES: whose elements get a verdict
+    settle: bool = True  # of scans whose ranges err; the thesis's preset takes every scan as it is
+    refine: bool = True  # registers every scan before anything is concluded from it
+    propose_views: bool = True  # a place to look from next for every occluded element
+    objects: ObjectSettings = ObjectSettings()  # how the default preset makes objects of points
+    boxes: BoxSettings = BoxSettings()  # how the thesis does
+    verdicts: VerdictSettings = VerdictSettings()
+    limits: FitLimits = FitLimits()  # of a building as prior
+    cloud_limits: FitLimits = OF_CLOUDS  # of a point cloud as prior
+
+    def __post_init__(self):
+        if unknown := set(self.classes) - set(CLASSES):
+            raise ValueError(f"classes must be some of {', '.join(CLASSES)}, got {', '.join(sorted(unknown))}")
+        if self.preset not in PRESETS:
+            raise ValueError(f"preset must be one of {', '.join(PRESETS)}, got {self.preset!r}")
+
+    def as_json(self) -> dict[str, Any]:
+        """All that had a say, by name."""
+        told = dataclasses.asdict(self)
+        del told["objects" if self.preset == "thesis" else "boxes"]
+        return told | {"change_prior": self.verdicts.change_prior}
+
+
+def load_settings(path: Path | None, **given: Any) -> DetectSettings:
+    """Settings from a TOML file, if there is one, with those that were given in its place.
+
+    Raises:
+        ConfigError: the file is missing or no TOML, or a setting is unknown, of the wrong type, or out of range.
+    """
+    values: dict[str, Any] = {}
+    if path is not None:
+        try:
+            values = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot read the settings: {error.strerror}") from error
+        except (ValueError, RecursionError) as error:
+            raise ConfigError(f"{path}: not valid TOML: {one_line(error)}") from error
+    return build(DetectSettings, values | given, str(path or "settings"))

@@ -1,0 +1,130 @@
+"""Verdicts: what scans say of every element of the prior, and where they say nothing.
+
+An element counts as scanned where rays of the pattern reach it in the prior, or in what remains of it without what is
+gone (`jaxmm.verdicts.behind_removed`). One that nobody saw is occluded or unscanned, never a guess. E elements, N
+points of one scan of the prior.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.config import bounded
+from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN
+
+PRESENT, REMOVED, OCCLUDED, UNSCANNED = VERDICTS = ("present", "removed", "occluded", "unscanned")
+STANDS = 0.2  # share of the rays that tell of a removed element, that end on it: from here on a part of it may stand
+MOST_SURE = 12.0  # logit beyond which one scan is not trusted
+# Shares of an element's rays that go through, up to which its points' doubts count as much, and from which not at all.
+DOUBTED, UNDOUBTED = 0.8, 0.9
+
+
+@dataclasses.dataclass(frozen=True)
+class VerdictSettings:
+    """When an element counts as seen, and as removed."""
+
+    least_rays: int = bounded(20, 1)  # through it or ending on it, of its points' footprints; with fewer it is occluded
+    least_share: float = bounded(0.03, 0.0, 1.0)  # the same, of all rays in those footprints
+    threshold: float = bounded(0.5, 0.0, 1.0)  # probability from which an element counts as removed
+    change_prior: float = bounded(0.02, 1e-6, 1.0 - 1e-6)  # P(removed) of an element without evidence
+
+
+class Told(NamedTuple):
+    """What one scan tells of E elements."""
+
+    scanned: np.ndarray  # (E,) bool, whether any ray of the pattern reaches it in the prior, or past what is gone
+    points: np.ndarray  # (E,) int of the prior's scan on it
+    rays: np.ndarray  # (E, 4) int in the footprints of those, in the order of evidence.FRACTIONS
+    logit: np.ndarray  # (E,) float64 of P(removed), by this scan alone; NaN where no ray tells
+
+
+class Verdict(NamedTuple):
+    """What is known of one element."""
+
+    verdict: str  # one of VERDICTS
+    probability: float  # P(removed); the prior's where nothing was seen
+    points: int
+    rays: tuple[int, int, int, int]
+
+
+def told_of(scanned: np.ndarray, element: np.ndarray, rays: np.ndarray, probability: np.ndarray) -> Told:
+    """What one scan tells of each element.
+
+    Rays that go through an element or end on it tell of it; blocked and unseen ones do not. Its probability is the
+    mean of its points', each as often as rays tell of it, half and half with the share of its rays that went through: a
+    network may doubt point by point what all of them together leave no doubt of. Where nine in ten rays go through, it
+    has no say against it: it learnt in rooms, and behind an outer wall that is gone most rays bring nothing back.
+
+    Args:
+        scanned: (E,) bool.
+        element: (N,) int row of each point's element.
+        rays: (N, 4) int of the robot in the footprint of each point, in the order of evidence.FRACTIONS.
+        probability: (N,) that each is gone: the greater of the pillar's and the wall's model, for a wall seen end-on
+            looks like a pillar.
+
+    Raises:
+        ValueError: the shapes disagree.
+    """
+    count, element, rays = len(scanned), np.asarray(element), np.asarray(rays)
+    if rays.shape != (len(element), 4) or np.shape(probability) != element.shape:
+        shapes = f"{element.shape}, {rays.shape}, {np.shape(probability)}"
+        raise ValueError(f"element, rays and probability must be (N,), (N, 4), (N,), got {shapes}")
+    pooled = np.column_stack([np.bincount(element, rays[:, side], count) for side in range(4)]).astype(np.int64)
+    votes = rays[:, [THROUGH, SUPPORT]].sum(axis=1)
+    total = np.bincount(element, votes, count)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.bincount(element, votes * probability, count) / total
+    share = (pooled[:, THROUGH] + 0.5) / (pooled[:, [THROUGH, SUPPORT]].sum(axis=1) + 1.0)
+    by_points, by_rays = _logit(mean), _logit(share)
+    heard = np.where(by_points < by_rays, np.clip((UNDOUBTED - share) / (UNDOUBTED - DOUBTED), 0.0, 1.0), 1.0) / 2
+    logit = np.where(total > 0, heard * by_points + (1.0 - heard) * by_rays, np.nan)
+    return Told(np.asarray(scanned, bool), np.bincount(element, minlength=count), pooled, logit)
+
+
+def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> list[Verdict]:
+    """The verdict of each of E elements by all scans together: rays are counted together, log-odds add up.
+
+    A scan in which the element does not count as seen adds no odds.
+
+    Args:
+        told: of each scan, at least one.
+        settings: when an element counts as what.
+    """
+    settings = settings or VerdictSettings()
+    start = float(_logit(np.array(settings.change_prior)))
+    logit = np.full(len(told[0].scanned), start)
+    for one in told:
+        seen = is_seen(one.rays, settings)
+        logit[seen] += one.logit[seen] - start
+    probability = 1.0 / (1.0 + np.exp(-logit))
+    rays, points = sum(one.rays for one in told), sum(one.points for one in told)
+    scanned, seen = (np.any(fields, axis=0) for fields in zip(*_flags(told, settings), strict=True))
+    found = []
+    for row in range(len(logit)):
+        verdict = REMOVED if probability[row] >= settings.threshold else PRESENT
+        if not seen[row]:
+            verdict = OCCLUDED if scanned[row] else UNSCANNED
+        known = float(probability[row]) if seen[row] else settings.change_prior
+        found.append(Verdict(verdict, known, int(points[row]), tuple(int(value) for value in rays[row])))
+    return found
+
+
+def is_seen(rays: np.ndarray, settings: VerdictSettings) -> np.ndarray:
+    """(E,) bool: whether enough of the rays (E, 4) went through an element or ended on it to tell."""
+    every = rays[:, [THROUGH, SUPPORT, BLOCKED, UNSEEN]].sum(axis=1)
+    return is_enough(rays[:, [THROUGH, SUPPORT]].sum(axis=1), every, settings)
+
+
+def is_enough(tells: np.ndarray, meant: np.ndarray, settings: VerdictSettings) -> np.ndarray:
+    """(E,) bool: whether so many rays (E,) tell, of all that are meant to meet an element (E,)."""
+    return (tells >= settings.least_rays) & (tells >= settings.least_share * meant)
+
+
+def _flags(told: list[Told], settings: VerdictSettings) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [(one.scanned, is_seen(one.rays, settings)) for one in told]
+
+
+def _logit(probability: np.ndarray) -> np.ndarray:
+    clipped = np.clip(probability, 1e-7, 1.0 - 1e-7)
+    return np.clip(np.log(clipped / (1.0 - clipped)), -MOST_SURE, MOST_SURE)

@@ -1,0 +1,59 @@
+"""What the bits of a run depend on: versions of packages, of the machine and of our own code."""
+
+import hashlib
+import importlib.metadata
+import platform
+import subprocess
+from typing import Any
+
+from jaxmm.caches import TREE
+from warp_scanner.cores import core_count
+
+PACKAGES = (
+    "jaxmm",
+    "flax",
+    "jax",
+    "jaxlib",
+    "numpy",
+    "optax",
+    "orbax-checkpoint",
+    "safetensors",
+    "scikit-learn",
+    "scipy",
+    "small-gicp",
+    "warp-lang",
+)
+
+
+def versions() -> dict[str, Any]:
+    """What the bits of a run depend on."""
+    return {
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "threads": core_count(),
+        "packages": {name: importlib.metadata.version(name) for name in PACKAGES},
+        "code": _code_hash(),
+        "git_commit": _git_commit(),
+    }
+
+
+def _code_hash() -> str:
+    """sha256 over the sources of both packages; unlike the commit it tells code from prose."""
+    digest = hashlib.sha256()
+    for path in sorted(path for name in ("jaxmm", "warp_scanner") for path in (TREE / name).rglob("*.py")):
+        digest.update(path.relative_to(TREE).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _git_commit() -> str | None:
+    """Commit of the source tree, `+` when it has changes, None outside a checkout."""
+    if not (TREE / ".git").exists():
+        return None
+    try:
+        commit, changes = (
+            subprocess.run(["git", "-C", str(TREE), *words], capture_output=True, text=True, check=True).stdout.strip()
+            for words in (["rev-parse", "HEAD"], ["status", "--porcelain", "--untracked-files=no"])
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return commit + ("+" if changes else "")

@@ -1,0 +1,30 @@
+"""Buildings out of boxes, to test what needs one that can be seen through in the head."""
+
+import numpy as np
+
+from jaxmm.rays.scan_rays import PosedScan
+from jaxmm.verdicts.detection import NamedScan
+from warp_scanner.buildings.room_buildings import building_of_room
+from warp_scanner.scenes.scenes import BOX, Primitives
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.triangles import cast_triangles, prepare
+
+
+def building_of(boxes):
+    """Boxes (center, half size, semantic), each an element of that number."""
+    center, half, semantic = (np.array(values) for values in zip(*boxes, strict=True))
+    count = len(boxes)
+    table = Primitives(
+        np.full((1, count), BOX, np.uint8), center[None].astype(np.float32), half[None].astype(np.float32),
+        np.zeros((1, count), np.float32), np.arange(count, dtype=np.int32)[None], semantic[None].astype(np.uint8),
+    )  # fmt: skip
+    return building_of_room(table, 0)[0]
+
+
+def scan_of(boxes, place, sensor, most=np.inf):
+    """An exact scan of boxes from a place (3,), along x, with what is nearer than `most` [m]."""
+    direction = sensor.directions()
+    distance = cast_triangles(prepare(building_of(boxes).triangles), Rays(place[None], direction)).distance[0]
+    back = np.isfinite(distance) & (distance < most)
+    points = (place + direction[back] * distance[back, None]).astype(np.float32)
+    return NamedScan(PosedScan(points, place, np.eye(3), sensor), "scan", len(points), "given")

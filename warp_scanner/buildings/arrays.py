@@ -1,0 +1,49 @@
+"""A building as arrays and JSON, which carry no code: how one process hands it to another.
+
+E elements, S storeys, V vertices, T triangles, as in buildings.py.
+"""
+
+from warp_scanner.guarded import Plain
+from warp_scanner.scenes.building import Building, Elements, Failure, Storeys, Triangles
+
+
+def packed(building: Building) -> Plain:
+    """All of a building; `unpacked` gives it back, equal to the last bit."""
+    elements, triangles, storeys = building.elements, building.triangles, building.storeys
+    words = {
+        "guid": elements.guid, "ifc_class": elements.ifc_class, "name": elements.name,
+        "storey_guid": storeys.guid, "storey_name": storeys.name,
+        "failures": building.failures, "flaws": building.flaws,
+        "zero_area": building.zero_area, "notes": building.notes, "unit": building.unit, "project": building.project,
+    }  # fmt: skip
+    arrays = {
+        "storey": elements.storey, "semantic": elements.semantic,
+        "vertices": triangles.vertices, "faces": triangles.faces, "element": triangles.element,
+        "origin": building.origin, "elevation": storeys.elevation,
+    }  # fmt: skip
+    if building.to_map is not None:
+        arrays["to_map"] = building.to_map
+    return Plain(words, arrays)
+
+
+def unpacked(plain: Plain) -> Building:
+    """The building that `packed` was given.
+
+    Raises:
+        KeyError, TypeError: something is missing, or not what it should be.
+    """
+    words, arrays = plain
+    storeys = Storeys(tuple(words["storey_guid"]), tuple(words["storey_name"]), arrays["elevation"])
+    return Building(
+        Elements(*(tuple(words[name]) for name in ("guid", "ifc_class", "name")), arrays["storey"], arrays["semantic"]),
+        Triangles(*(arrays[name] for name in ("vertices", "faces", "element", "semantic"))),
+        arrays["origin"],
+        storeys,
+        tuple(Failure(*one) for one in words["failures"]),
+        words["zero_area"],
+        tuple(words["notes"]),
+        arrays.get("to_map"),
+        tuple(Failure(*one) for one in words["flaws"]),
+        words["unit"],
+        words["project"],
+    )

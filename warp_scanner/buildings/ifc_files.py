@@ -1,0 +1,256 @@
+"""Reads IFC files: every product with a body becomes one element, in metres and world coordinates, openings cut.
+
+Spaces, openings, annotations, grids, ports and structural analysis have no matter and are left out; so is, with a
+note, what a site or another part of the spatial structure shows of itself (terrain, outlines). What a wall, column,
+door or window is put together from (plates, members, layers) belongs to it; all else that is put together (stairs,
+roofs) stays as its parts. Elements whose shape cannot be made are listed with the reason.
+"""
+
+import dataclasses
+import itertools
+from collections import Counter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from warp_scanner.buildings.arrays import packed, unpacked
+from warp_scanner.buildings.ifc_maps import to_map
+from warp_scanner.buildings.ifc_model import check_text, import_ifcopenshell, open_model, unit_scale
+from warp_scanner.cores import core_count
+from warp_scanner.guarded import Plain, limits_for, read_guarded
+from warp_scanner.scenes.building import AS_IT_IS, Building, Failure, Found, Part, ReadOptions, Storeys, assemble
+from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
+
+# The plain CGAL kernel loses elements without a word; this one falls back on OpenCASCADE for what CGAL cannot do.
+_KERNEL = "hybrid-cgal-simple-opencascade"
+_CLEAR = 0.3  # transparency from which a material counts as glass
+_WHOLES = ("IfcWall", "IfcColumn", "IfcDoor", "IfcWindow")  # own what they are put together from
+# Names that a version of the schema lacks match nothing.
+_WITHOUT_MATTER = (
+    "IfcFeatureElement", "IfcVirtualElement", "IfcAnnotation", "IfcGrid", "IfcPositioningElement", "IfcLinearElement",
+    "IfcPort", "IfcStructuralActivity", "IfcStructuralItem",
+)  # fmt: skip
+_SPATIAL = ("IfcSpatialElement", "IfcSpatialStructureElement")
+_VOLUMES = ("IfcSpace", "IfcSpatialZone", "IfcExternalSpatialStructureElement")  # the air between elements
+_CLASSES = (
+    ("IfcWall", WALL),
+    ("IfcColumn", PILLAR),
+    ("IfcDoor", DOOR),
+    ("IfcWindow", WINDOW),
+    ("IfcSlab", FLOOR),
+    ("IfcRoof", CEILING),
+    ("IfcFurnishingElement", FURNITURE),
+)
+
+
+class _Shape(NamedTuple):
+    vertices: np.ndarray  # (v, 3) float64 [m] world
+    faces: np.ndarray  # (t, 3)
+    clear: np.ndarray  # (t,) bool: of a transparent material
+
+
+def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
+    """The building that an IFC file (STEP text, .ifc) describes.
+
+    ifcopenshell runs in a process of its own: brackets without end, or a shape that is none, can crash or stall it.
+
+    Args:
+        path: the file.
+        options: whether glass and doors are there.
+
+    Raises:
+        ValueError: missing; not IFC or cut off; no length unit, or an unknown one; no element with a shape; so damaged
+            that the library crashes, or takes longer or more memory than `limits_for` the file allows.
+        ImportError: ifcopenshell is not installed.
+    """
+    path = Path(path)
+    check_text(path)
+    import_ifcopenshell()
+    return unpacked(read_guarded(_parsed, path, dataclasses.asdict(options), limits_for(path)))
+
+
+def _parsed(path: Path, options: dict[str, Any]) -> Plain:
+    return packed(parse_ifc(path, ReadOptions(**options)))
+
+
+def parse_ifc(path: Path, options: ReadOptions) -> Building:
+    """What `read_ifc` does, in this process, which a damaged file may end.
+
+    Raises:
+        ValueError: as `read_ifc` does.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            return _building(path, options)
+    except Exception as error:  # a file that is text of the right kind may still hold anything in any place
+        if isinstance(error, ValueError) and str(path) in str(error):
+            raise
+        why = f"{type(error).__name__}: {' '.join(str(error).split())[:150]}"
+        raise ValueError(f"{path}: not a readable IFC file: its parts do not fit together ({why})") from error
+
+
+def _building(path: Path, options: ReadOptions) -> Building:
+    model, notes = open_model(path)
+    unit = unit_scale(model, path)
+    storeys, rows = _storeys(model, unit)
+    products, left_out = _products(model)
+    guids, repeated = _unique_guids(products)
+    shapes, reasons = _shapes(model, [product for product in products if product.Representation])
+    pieces: dict[Any, list[_Shape]] = {}
+    for product in products:
+        if product.id() in shapes:
+            pieces.setdefault(_owner(product), []).append(shapes[product.id()])
+    parts = [
+        part._replace(guid=guids[owner.id()])
+        for owner, shape in pieces.items()
+        if (part := _part(owner, shape, rows, options))
+    ]
+    # What has no body of its own is there when something that it is put together from is.
+    shown = shapes.keys() | {whole.id() for number in shapes for whole in _wholes(model.by_id(number))}
+    failures = [
+        Failure(guids[product.id()], product.is_a(), product.Name or "", reasons.get(product.id(), "it has no body"))
+        for product in products
+        if product.id() not in shown
+    ]
+    placed, assumed = to_map(model, unit)
+    project = next((str(one.GlobalId) for one in model.by_type("IfcProject") if one.GlobalId), None)
+    told = notes + left_out + repeated + assumed
+    return assemble(str(path), parts, Found(storeys, tuple(failures), told, placed, unit=unit, project=project))
+
+
+def _products(model: Any) -> tuple[list[Any], tuple[str, ...]]:
+    """All that may have a body: elements, then other products that show something; and a note for each left out."""
+    others = [product for product in model.by_type("IfcProduct") if product.Representation]
+    others = [product for product in others if not product.is_a("IfcElement")]
+    spatial = [product for product in others if any(map(product.is_a, _SPATIAL))]
+    # Terrain would make all that lies above it the inside of the building.
+    notes = tuple(
+        f"the shape of {product.is_a()} {product.Name or ''!r} was left out: it is no element of the building"
+        for product in spatial
+        if not any(map(product.is_a, _VOLUMES))
+    )
+    products = [*model.by_type("IfcElement"), *(product for product in others if product not in spatial)]
+    return [product for product in products if not any(map(product.is_a, _WITHOUT_MATTER))], notes
+
+
+def _unique_guids(products: list[Any]) -> tuple[dict[int, str], tuple[str, ...]]:
+    """GlobalIds by STEP id, with a suffix where an earlier product has the same, and a note that names those."""
+    guids: dict[int, str] = {}
+    count, taken = Counter(), set()
+    for product in products:
+        own = product.GlobalId or ""
+        guid = next(g for n in itertools.count(count[own]) if (g := f"{own}_{n}" if n else own) not in taken)
+        count[own] += 1
+        taken.add(guid)
+        guids[product.id()] = guid
+    repeated = [repr(own) for own, times in count.items() if times > 1]
+    told = f"more than one element has the GlobalId {', '.join(repeated)}: a suffix tells them apart"
+    return guids, (told,) if repeated else ()
+
+
+def _part(owner: Any, shapes: list[_Shape], rows: dict[int, int], options: ReadOptions) -> Part | None:
+    """The element that these shapes make up; None when the options leave all of it out."""
+    semantic = _semantic(owner)
+    if semantic == DOOR and options.doors == "open":
+        return None
+    start = np.cumsum([0] + [len(shape.vertices) for shape in shapes[:-1]])
+    vertices = np.concatenate([shape.vertices for shape in shapes])
+    faces = np.concatenate([shape.faces + first for shape, first in zip(shapes, start, strict=True)])
+    if options.glass == "transparent":
+        clear = np.concatenate([shape.clear for shape in shapes])
+        # A window whose materials say nothing is taken for glass as a whole.
+        clear |= semantic == WINDOW and not clear.any()
+        if clear.all():
+            return None
+        faces = faces[~clear]
+    return Part(owner.GlobalId, owner.is_a(), owner.Name or "", _storey_of(owner, rows), semantic, vertices, faces)
+
+
+def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[int, int]]:
+    """The storeys from the lowest up, and the row of each STEP id."""
+    from ifcopenshell.util.placement import get_local_placement
+
+    def elevation(storey: Any) -> float:
+        # The placement is where things really stand; the attribute is a remark that some files get wrong.
+        if storey.ObjectPlacement:
+            return float(get_local_placement(storey.ObjectPlacement)[2, 3]) * scale
+        return float(storey.Elevation or 0.0) * scale
+
+    found = sorted(((elevation(storey), storey) for storey in model.by_type("IfcBuildingStorey")), key=lambda s: s[0])
+    guids = tuple(storey.GlobalId for _, storey in found)
+    names = tuple(storey.Name or "" for _, storey in found)
+    rows = {storey.id(): row for row, (_, storey) in enumerate(found)}
+    return Storeys(guids, names, np.array([z for z, _ in found])), rows
+
+
+def _storey_of(product: Any, rows: dict[int, int]) -> int:
+    from ifcopenshell.util.element import get_container
+
+    storey = get_container(product, ifc_class="IfcBuildingStorey")
+    return rows[storey.id()] if storey else -1
+
+
+def _wholes(product: Any) -> list[Any]:
+    """All that the product is a part of, from the nearest up."""
+    from ifcopenshell.util.element import get_aggregate
+
+    wholes, whole = [], get_aggregate(product)
+    while whole is not None and whole.is_a("IfcElement") and whole not in wholes:
+        wholes.append(whole)
+        whole = get_aggregate(whole)
+    return wholes
+
+
+def _owner(product: Any) -> Any:
+    """The element that the product's shape belongs to: the outermost wall, column, door or window, or itself."""
+    owners = [whole for whole in [product, *_wholes(product)] if any(map(whole.is_a, _WHOLES))]
+    return owners[-1] if owners else product
+
+
+def _semantic(product: Any) -> int:
+    kind = getattr(product, "PredefinedType", None)
+    if product.is_a("IfcSlab") and kind == "ROOF":
+        return CEILING
+    if product.is_a("IfcCovering"):
+        return {"CEILING": CEILING, "FLOORING": FLOOR}.get(kind, OTHER)
+    return next((semantic for name, semantic in _CLASSES if product.is_a(name)), OTHER)
+
+
+def _shapes(model: Any, products: list[Any]) -> tuple[dict[int, _Shape], dict[int, str]]:
+    """Shapes by STEP id, as GlobalIds may repeat, and for those that have none the reason."""
+    import ifcopenshell.geom
+
+    settings = ifcopenshell.geom.settings()
+    settings.set("use-world-coords", True)
+    settings.set("weld-vertices", True)
+    shapes: dict[int, _Shape] = {}
+    if not products:
+        return shapes, {}
+    iterator = ifcopenshell.geom.iterator(settings, model, core_count(), include=products, geometry_library=_KERNEL)
+    for made in iterator:
+        _keep(shapes, made)
+    reasons = {}
+    for product in products:
+        if product.id() in shapes:
+            continue
+        # The iterator passes over what fails, and may end there: each of the rest gets a try of its own.
+        try:
+            made = ifcopenshell.geom.create_shape(settings, product, geometry_library=_KERNEL)
+        except Exception as error:  # the geometry kernels raise whatever they like
+            reasons[product.id()] = " ".join(str(error).split())[:200] or type(error).__name__
+        else:
+            _keep(shapes, made)
+            reasons[product.id()] = "its body has no faces"
+    return shapes, reasons
+
+
+def _keep(shapes: dict[int, _Shape], made: Any) -> None:
+    geometry = made.geometry
+    faces = np.array(geometry.faces, np.int64).reshape(-1, 3)
+    if not len(faces):
+        return
+    transparency = np.nan_to_num(np.array([material.transparency for material in geometry.materials], np.float64))
+    # A triangle without a material has the number -1, which picks the gap at the end.
+    clear = np.append(transparency >= _CLEAR, False)[np.array(geometry.material_ids, np.int64)]
+    shapes[made.id] = _Shape(np.array(geometry.verts, np.float64).reshape(-1, 3), faces, clear)

@@ -1,0 +1,12 @@
+"""A seed in; random rooms, their changes and pairs of scans out. Imports the root, scenes, kernels and sensors."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "pairs": ["PairConfig", "make_pairs"],
+        "rooms": ["RoomConfig", "make_rooms"],
+        "standing": ["Standing"],
+    },
+)
