@@ -1,0 +1,39 @@
+#!/usr/bin/env bash
+# pye57 writes float64 coordinates in single precision.
+#
+# Library: pye57 0.4.19 (PyPI).
+# A good guess: `write_scan_raw` keeps what it is given. The format knows doubles, and reading gives float64 back.
+# What happens: coordinates are stored as single floats. At 4,500 km from the origin, where national grids are, that is
+#   half a metre from one value to the next. As the array that is read is of doubles, nothing shows it.
+# Seen:
+#   pye57 0.4.19
+#   expected: [4500000.12, 4500000.25, 4500000.37, 4500000.88]
+#   seen:     [4500000.0, 4500000.0, 4500000.5, 4500001.0] float64 (off by up to 0.25 m)
+# In jaxmm: the E57 writer makes its own nodes, of double precision, with points about the sensor and the pose beside.
+set -euo pipefail
+VERSION=${VERSION:-0.4.19}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cd "$work"
+"${PYTHON:-python3}" -m venv env
+env/bin/pip install -qq --disable-pip-version-check "pye57==$VERSION" numpy==2.4.6
+cat > check.py <<'PY'
+import sys
+from importlib.metadata import version
+
+import numpy as np
+import pye57
+
+print("pye57", version("pye57"))
+given = 4_500_000.0 + np.array([0.12, 0.25, 0.37, 0.88])
+file = pye57.E57("scan.e57", mode="w")
+file.write_scan_raw({f"cartesian{axis}": given for axis in "XYZ"})
+file.close()
+found = pye57.E57("scan.e57").read_scan_raw(0)["cartesianX"]
+error = np.abs(found - given).max()
+print("expected:", given.tolist())
+print("seen:    ", found.tolist(), found.dtype, f"(off by up to {error:.2f} m)")
+print("as stated" if error > 0.1 else "NO LONGER AS STATED")
+sys.exit(0 if error > 0.1 else 3)
+PY
+env/bin/python check.py
