@@ -5,8 +5,8 @@
 # A good guess: both say that they read BCF 3.0. In its schema a Color holds one Components, which holds each Component;
 #   in 2.1 a Color held each Component itself. So a 3.0 file with Coloring can be read.
 # What happens: both look for a Component right below Color, as in 2.1. There is none, and a TypeError
-#   about undefined ends the reading of the whole file. @thatopen raises it; bcf-js prints it, and returns as if all were
-#   well, without a topic. The same file without its Coloring is read. The Python reader bcf-client reads both.
+#   about undefined ends the reading of the whole file. @thatopen raises it; bcf-js prints it, and returns without a
+#   topic, as if all were well. The same file without its Coloring is read. The Python reader bcf-client reads both.
 # Seen:
 #   bcf-js 0.2.6, @thatopen/components 3.4.8
 #   expected: 1 topic from either file, by either reader
@@ -57,7 +57,10 @@ for name, coloring in (("coloured", COLORING), ("plain", "")):
         f'<Viewpoints><ViewPoint Guid="{VIEW}"><Viewpoint>viewpoint.bcfv</Viewpoint></ViewPoint></Viewpoints>'
         "</Topic></Markup>"
     )
-    words = "<TopicTypes><TopicType>Mismatch</TopicType></TopicTypes><TopicStatuses><TopicStatus>Open</TopicStatus></TopicStatuses>"
+    words = (
+        "<TopicTypes><TopicType>Mismatch</TopicType></TopicTypes>"
+        "<TopicStatuses><TopicStatus>Open</TopicStatus></TopicStatuses>"
+    )
     with zipfile.ZipFile(f"{name}.bcf", "w") as archive:
         archive.writestr("bcf.version", xml('<Version VersionId="3.0"/>'))
         archive.writestr("extensions.xml", xml(f"<Extensions>{words}</Extensions>"))

@@ -14,7 +14,7 @@
 #   seen:     cgal {'mirrored': -1.0, 'plain': 1.0}
 #   seen:     cgal-simple {'mirrored': -1.0, 'plain': 1.0}
 #   seen:     manifold {'mirrored': 1.0, 'plain': 1.0}
-# In jaxmm: rays meet a surface from either side, and what lies inside a solid is told by the size of its winding number,
+# In jaxmm: rays meet a surface from either side, and the inside of a solid is told by the size of its winding number,
 #   not by its sign.
 set -euo pipefail
 VERSION=${VERSION:-0.9.0.post1}
@@ -57,7 +57,8 @@ shape = new("IfcRepresentationMap", placement(), new("IfcShapeRepresentation", c
 for name, x in (("plain", 1.0), ("mirrored", -1.0)):
     operator = new("IfcCartesianTransformationOperator3D", direction(x, 0, 0), direction(0, 1, 0), point(0, 0, 0), 1.0,
                    direction(0, 0, 1))
-    item = new("IfcShapeRepresentation", context, "Body", "MappedRepresentation", [new("IfcMappedItem", shape, operator)])
+    mapped = new("IfcMappedItem", shape, operator)
+    item = new("IfcShapeRepresentation", context, "Body", "MappedRepresentation", [mapped])
     new("IfcColumn", GlobalId=guid(), Name=name, ObjectPlacement=new("IfcLocalPlacement", None, placement()),
         Representation=new("IfcProductDefinitionShape", None, None, [item]))
 

@@ -21,7 +21,8 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 cd "$work"
 "${PYTHON:-python3}" -m venv env
-env/bin/pip install -qq --disable-pip-version-check "open3d==$VERSION" pypcd4==1.5.1 numpy==2.4.6 libusb-package==1.0.30.0
+env/bin/pip install -qq --disable-pip-version-check "open3d==$VERSION" pypcd4==1.5.1 numpy==2.4.6 \
+    libusb-package==1.0.30.0
 if ! env/bin/python -c "import open3d" 2> reason; then
     mkdir lib
     ln -s "$(find "$work/env" -name 'libusb-1.0.so*' | head -n 1)" lib/libusb-1.0.so.0
@@ -49,7 +50,8 @@ for encoding in (pypcd4.Encoding.ASCII, pypcd4.Encoding.BINARY, pypcd4.Encoding.
     newer = o3d.t.io.read_point_cloud(f"{name}.pcd").point.positions.numpy()
     seen[name] = found
     right = np.allclose(newer, points, rtol=0, atol=1e-6)
-    print(f"seen:     {name}: io {len(found)} points, the first at {found[0].tolist()}; t.io", "right" if right else "wrong")
+    told = "right" if right else "wrong"
+    print(f"seen:     {name}: io {len(found)} points, the first at {found[0].tolist()}; t.io {told}")
 stated = all(seen[name].shape == points.shape and not seen[name].any() for name in ("binary", "binary_compressed"))
 print("as stated" if stated else "NO LONGER AS STATED")
 sys.exit(0 if stated else 3)

@@ -5,7 +5,8 @@
 # A good guess: brute force is the slow and exact one, the tree the fast one, and both agree to the last digits.
 # What happens: brute force takes |a|^2 - 2 a.b + |b|^2, whose terms are about 3e13 at UTM coordinates; what is left of
 #   them has lost all digits below a few centimetres. The tree subtracts first and is exact. `algorithm="auto"` takes
-#   brute force from 16 columns on, or where half of the points are wanted as neighbours; `pairwise_distances` always does.
+#   brute force from 16 columns on, or where half of the points are wanted as neighbours. `pairwise_distances` is always
+#   computed so.
 # Seen:
 #   scikit-learn 1.9.1
 #   a wall of points every 2 cm, in UTM; the nearest point of each of 1600 others

@@ -3,9 +3,9 @@
 #
 # Library: small_gicp 1.0.1 (PyPI: small-gicp).
 # A good guess: `voxelgrid_sampling` gives about as many points wherever the cloud lies; doubles are exact there.
-# What happens: a voxel is counted from the origin, with 21 bits an axis. Beyond 2^20 voxels (105 km at 0.1 m) every
-#   point is out of range; each prints a warning to standard error, nothing raises, and all become one point, their mean.
-#   `preprocess_points` and `align`, which thin first, then work with that point.
+# What happens: voxels are counted from the origin. Beyond 2^20 of them along an axis (105 km at 0.1 m) every point is
+#   out of range. Each prints a warning to standard error, nothing raises, and one of the points is all that is left.
+#   It is the same with `preprocess_points`, which thins first.
 # Seen:
 #   small_gicp 1.0.1
 #   1000 points within 10 m, thinned by voxels of 0.1 m

@@ -3,8 +3,8 @@
 #
 # Library: trimesh 5.2.0 (PyPI).
 # A good guess: PLY knows doubles, and a mesh or cloud of float64 that is written and read again stays where it was.
-# What happens: the header says `property float x`. On a national grid corners move by up to a quarter of a metre, and thin
-#   walls get thick or lose their thickness. OBJ keeps the digits.
+# What happens: the header says `property float x`. On a national grid corners move by up to a quarter of a metre, and
+#   thin walls get thick or lose their thickness. OBJ keeps the digits.
 # Seen:
 #   trimesh 5.2.0
 #   a wall 0.1 m thick, 5,335 km from the origin

@@ -5,8 +5,8 @@
 # A good guess: COORDINATE_TO_ORIGIN takes far coordinates nearer to the origin, by one shift for all models of an API
 #   object, so that models of one site still fit together.
 # What happens: each model is moved until a corner of it is at the origin. Two walls 40 m apart, a file each, are at the
-#   same place afterwards. The shift is told by `GetCoordinationMatrix`, of each model apart. Also, whatever the file says:
-#   metres, and y up (x, z, -y of the file).
+#   same place afterwards. The shift is told by `GetCoordinationMatrix`, of each model apart. Whatever the
+#   unit of the file, it is metres, and y is up (x, z, -y of the file).
 # Seen:
 #   web-ifc 0.0.78
 #   two walls, a file each: x from 10 to 11 m and from 50 to 51 m; y 20 to 22, z 3 to 7
