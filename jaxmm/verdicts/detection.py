@@ -30,13 +30,12 @@ from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.standing_alone import for_sure
 from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
 from warp_scanner.buildings.positions import away_from
-from warp_scanner.scenes.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
+from warp_scanner.scenes.scenes import DOOR
 from warp_scanner.sensors.sensors import Pinhole
 from warp_scanner.sensors.triangles import clearance
 
 UNKNOWN = 0.15  # [m] from what remains of the model, from which on something else stands there
 LEAST_TOLD = 0.0005  # share of the points left out of a scan that is worth a word
-SEMANTIC = {"wall": WALL, "column": PILLAR, "door": DOOR, "window": WINDOW, "slab": FLOOR}
 
 
 class NamedScan(NamedTuple):
@@ -75,12 +74,12 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     ]
     watch.lap("registration")
     if beyond_thesis:
-        prior = without_hanging(prior, _semantics(settings))
+        prior = without_hanging(prior, settings.semantics)
     looked, told = _looked_at(prior, placed, scans, outdoors, judges)
     sure, past_gone = partial(_for_sure, prior, looked, scans, settings), None
     if prior.has_elements and beyond_thesis:
         past_gone, told = look_past_what_is_gone(
-            prior, looked, told, judges, _semantics(settings), settings.verdicts, sure=sure
+            prior, looked, told, judges, settings.semantics, settings.verdicts, sure=sure
         )
     told = sure(told)
     watch.lap("evidence")
@@ -207,27 +206,22 @@ def _for_sure(
     ]
 
 
-def _semantics(settings: DetectSettings) -> list[int]:
-    """Classes of warp_scanner.scenes.scenes whose elements get a verdict."""
-    return [SEMANTIC[name] for name in settings.classes]
-
-
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:
     """The verdicts, with those of all other classes left open."""
     if verdicts is None:
         return None
-    wanted = np.isin(prior.building.elements.semantic, _semantics(settings))
+    wanted = np.isin(prior.building.elements.semantic, settings.semantics)
     return [one if mine else one._replace(verdict=OCCLUDED) for one, mine in zip(verdicts, wanted, strict=True)]
 
 
 def _doors_passed(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[str]:
     """Names of the doors that rays pass, in walls that stand; of none where doors get verdicts."""
-    if verdicts is None or DOOR in _semantics(settings):
+    if verdicts is None or DOOR in settings.semantics:
         return []
     table = prior.building.elements
     passed = np.array([one.verdict == REMOVED for one in verdicts]) & (table.semantic == DOOR)
     if passed.any():
-        passed &= ~filling(prior.building, gone_of(prior.building, verdicts, _semantics(settings)))
+        passed &= ~filling(prior.building, gone_of(prior.building, verdicts, settings.semantics))
     return [repr(table.name[row] or table.guid[row]) for row in np.flatnonzero(passed)]
 
 
@@ -236,10 +230,10 @@ def _elements(
 ) -> tuple[ElementVerdict, ...]:
     """The verdicts of the wanted classes, with a view to take next where one was hidden."""
     table, storeys = prior.building.elements, prior.building.storeys
-    rows = np.flatnonzero(np.isin(table.semantic, _semantics(settings)))
+    rows = np.flatnonzero(np.isin(table.semantic, settings.semantics))
     hidden, views = np.array([row for row in rows if verdicts[row].verdict == OCCLUDED], int), {}
     if len(hidden) and settings.propose_views:
-        gone = gone_of(prior.building, verdicts, _semantics(settings))
+        gone = gone_of(prior.building, verdicts, settings.semantics)
         gone |= filling(prior.building, gone)
         gone[hidden] = False
         remains = remains_of(prior, gone) if gone.any() else prior
@@ -280,7 +274,7 @@ def _records(
     (says, settings, mismatches), records = told, []
     shows, alone = shown_by_each(mismatches, len(scans))
     if prior.has_elements:
-        wanted = np.isin(prior.building.elements.semantic, _semantics(settings))
+        wanted = np.isin(prior.building.elements.semantic, settings.semantics)
         before = np.full(int(wanted.sum()), UNSCANNED)
     for number, (one, fit) in enumerate(zip(scans, placed, strict=True)):
         changed = dict.fromkeys(VERDICTS, 0)

@@ -11,9 +11,11 @@ from jaxmm.learning.boxes import BoxSettings
 from jaxmm.objects.finder import ObjectSettings
 from jaxmm.verdicts.placement import OF_CLOUDS, FitLimits
 from jaxmm.verdicts.verdicts import VerdictSettings
+from warp_scanner.scenes.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
 
 PRESETS = ("default", "thesis")
-CLASSES = ("wall", "column", "door", "window", "slab")
+# Classes of elements that may get a verdict, and what the scanner calls them. Adding one: docs/how-to-add.md.
+CLASSES = {"wall": WALL, "column": PILLAR, "door": DOOR, "window": WINDOW, "slab": FLOOR}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,10 +35,15 @@ class DetectSettings:
     cloud_limits: FitLimits = OF_CLOUDS  # of a point cloud as prior
 
     def __post_init__(self):
-        if unknown := set(self.classes) - set(CLASSES):
+        if unknown := set(self.classes) - CLASSES.keys():
             raise ValueError(f"classes must be some of {', '.join(CLASSES)}, got {', '.join(sorted(unknown))}")
         if self.preset not in PRESETS:
             raise ValueError(f"preset must be one of {', '.join(PRESETS)}, got {self.preset!r}")
+
+    @property
+    def semantics(self) -> list[int]:
+        """Classes of warp_scanner.scenes.scenes whose elements get a verdict."""
+        return [CLASSES[name] for name in self.classes]
 
     def as_json(self) -> dict[str, Any]:
         """All that had a say, by name."""

@@ -10,15 +10,19 @@ from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import cast_triangles, prepare
 
 
-def building_of(boxes):
-    """Boxes (center, half size, semantic), each an element of that number."""
+def table_of(boxes):
+    """Boxes (center, half size, semantic) as the primitives of one room, each an element of that number."""
     center, half, semantic = (np.array(values) for values in zip(*boxes, strict=True))
     count = len(boxes)
-    table = Primitives(
+    return Primitives(
         np.full((1, count), BOX, np.uint8), center[None].astype(np.float32), half[None].astype(np.float32),
         np.zeros((1, count), np.float32), np.arange(count, dtype=np.int32)[None], semantic[None].astype(np.uint8),
     )  # fmt: skip
-    return building_of_room(table, 0)[0]
+
+
+def building_of(boxes):
+    """The same as a building."""
+    return building_of_room(table_of(boxes), 0)[0]
 
 
 def scan_of(boxes, place, sensor, most=np.inf):

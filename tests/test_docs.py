@@ -1,0 +1,148 @@
+"""What the pages point to is there, their commands are understood, their settings are read, and their Python runs."""
+
+import importlib.util
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from jaxmm.commands.cli import _glued, _parser
+from jaxmm.config import parse
+from jaxmm.verdicts.settings import CLASSES, load_settings
+from warp_scanner.sensors.sensors import sensor_of
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDERS = (".", "docs", "paper", "benchmarks", "findings", "jaxmm/weights")
+TEXTS = sorted(path for folder in FOLDERS for path in (ROOT / folder).glob("*.md"))
+TOLD = [path for path in TEXTS if path.name != "CHANGELOG.md"]  # which names files as they were called then
+named = pytest.mark.parametrize("path", TOLD, ids=lambda path: path.relative_to(ROOT).as_posix())
+
+
+def blocks(path: Path, *languages: str) -> list[str]:
+    """Code blocks of a page in one of some languages; "" is none."""
+    found = re.findall(r"^( *)```(\w*)\n(.*?)^\1```", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return [re.sub(rf"^{indent}", "", text, flags=re.MULTILINE) for indent, kind, text in found if kind in languages]
+
+
+def commands(path: Path) -> list[list[str]]:
+    """Words of the shell commands in the code blocks of a page."""
+    lines = [line.split("  #")[0].strip() for text in blocks(path, "", "sh", "bash") for line in text.splitlines()]
+    return [shlex.split(line) for line in lines if re.match(r"(jaxmm|make|python) ", line)]
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_local_links_and_images_exist(path):
+    for target in re.findall(r"\]\(([^)\s]+)\)", path.read_text(encoding="utf-8")):
+        if "://" in target:
+            continue
+        name, _, heading = target.partition("#")
+        found = path.parent / name if name else path
+        assert found.exists(), target
+        if heading:
+            titles = re.findall(r"^#+ (.+)$", found.read_text(encoding="utf-8"), re.MULTILINE)
+            assert heading in {re.sub(r"[^a-z0-9 _-]", "", title.lower()).replace(" ", "-") for title in titles}, target
+
+
+@named
+def test_files_that_are_named_exist(path):
+    for name in re.findall(
+        r"`((?:jaxmm|warp_scanner|tests|benchmarks|paper|configs|docs)/[\w/.-]+)`", path.read_text()
+    ):
+        assert (ROOT / name).exists() or name == "jaxmm/formats/tri.py", name  # the example of how to add one
+
+
+@named
+def test_no_placeholder_is_left(path):
+    assert not re.search(r"\b(DEMO_[A-Z]+|TBD)\b|@@", path.read_text(encoding="utf-8"))
+
+
+@named
+def test_commands_are_understood(path):
+    for words in commands(path):
+        if words[0] == "jaxmm" and words[1:] != ["--version"]:
+            _parser().parse_args(_glued(words[1:]))
+        elif words[0] == "make":
+            for target in [word for word in words[1:] if "=" not in word]:
+                assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.MULTILINE), words
+        elif words[:2] == ["python", "-m"]:
+            spec = importlib.util.find_spec(words[2])
+            assert spec is not None, words
+        elif words[0] == "python" and words[1].endswith(".py"):
+            assert (ROOT / words[1]).is_file(), words
+        for word in words:
+            assert not word.startswith("configs/") or (ROOT / word).is_file(), words
+
+
+@named
+def test_modules_and_targets_in_prose_exist(path):
+    text = path.read_text(encoding="utf-8")
+    for module in re.findall(r"`(?:python -m )?((?:benchmarks|paper)(?:\.\w+)+)", text):
+        assert importlib.util.find_spec(module) is not None, module
+    for target in re.findall(r"`make ([a-z-]+)", text):
+        assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.MULTILINE), target
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "docs").glob("*.md")), ids=lambda path: path.name)
+def test_options_in_prose_are_options_of_a_command(path):
+    """Of `jaxmm`, or of the script that the page runs."""
+    known = "".join(parser.format_help() for parser in _parser()._subparsers._group_actions[0].choices.values())
+    scripts = [word for words in commands(path) if words[:2] == ["python", "-m"] for word in words if word[:2] == "--"]
+    for option in re.findall(r"`(--[a-z-]+)", path.read_text(encoding="utf-8")):
+        assert option in known or option in ("--version", "--smoke") or option in scripts, option
+
+
+def test_every_page_is_one_click_from_the_readme_which_is_short():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(readme.splitlines()) <= 200
+    for page in (ROOT / "docs").glob("*.md"):
+        assert f"](docs/{page.name})" in readme, page.name
+
+
+@named
+def test_settings_are_read(path, tmp_path):
+    for text in blocks(path, "toml"):
+        table = tomllib.loads(text)
+        if "kind" in table:
+            sensor_of(table, path.name)
+        elif "classes" in table:
+            (tmp_path / "settings.toml").write_text(text)
+            load_settings(tmp_path / "settings.toml")
+        else:
+            parse(text, path.name)
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory):
+    pytest.importorskip("ifcopenshell")
+    pytest.importorskip("pye57")
+    from tests.cases.house import write_house
+
+    folder = tmp_path_factory.mktemp("house")
+    write_house(folder)
+    return folder
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/inputs-and-outputs.md", "docs/scanner.md"])
+def test_python_of_a_page_runs(page, house):
+    code = "\n".join(blocks(ROOT / page, "python"))
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=house, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    if page == "README.md":
+        assert "A pillar has been removed at [4.5 1. 1.5] with dimensions [0.4 0.4 3.]." in done.stdout
+        assert (house / "found" / "report.html").is_file()
+
+
+def test_the_help_names_every_element_class():
+    assert f"of {','.join(CLASSES)};" in re.sub(r"\s+", " ", _detect_help())
+
+
+def _detect_help() -> str:
+    return _parser()._subparsers._group_actions[0].choices["detect"].format_help()
