@@ -48,21 +48,25 @@ resamples = 100
 
 
 # These take one whole run of the main job, which is then made once: they go to one process.
-ONE_RUN = ("test_reproduce.py", "test_cli.py", "test_cli_thesis.py", "test_thesis_rows.py")
+ONE_RUN = ("runs/test_reproduce.py", "commands/test_cli.py", "commands/test_cli_thesis.py", "thesis/test_rows.py")
 # These take longest, and come first: whoever is done early takes the short ones. Beside the one run begin those that
 # need no Warp, so that its kernels are compiled by one process, and once.
 FIRST = (
-    *ONE_RUN, "test_train.py", "test_joint.py", "test_fused.py", "test_fit.py",
-    "test_notebooks.py", "test_engines.py", "test_generate.py", "test_cli_detect.py", "test_detect_files.py",
-    "test_viewpoint.py", "test_paper_figures.py",
-    "test_building_pairs.py", "test_fuzz.py", "test_page_browser.py", "test_buildings.py", "test_runs.py",
-    "test_meshes.py", "test_detection.py", "test_figures.py", "test_changes.py",
+    *ONE_RUN, "learning/test_train_step.py", "learning/test_joint_training.py", "learning/test_fused_layers.py",
+    "learning/test_fit.py", "paper/test_notebooks.py", "data/test_engines.py", "data/test_generation.py",
+    "benchmarks/test_smoke.py", "commands/test_cli_detect.py", "commands/test_detect_files.py",
+    "rays/test_viewpoint.py", "paper/test_data_figures.py", "test_docs.py", "data/test_labelled_buildings.py",
+    "test_fuzz.py", "reports/test_page_browser.py", "warp_scanner/test_buildings.py", "runs/test_run_folder.py",
+    "learning/test_device_mesh.py", "verdicts/test_detection.py", "reports/test_figures.py",
+    "warp_scanner/test_changes.py",
 )  # fmt: skip
+TESTS = Path(__file__).resolve().parent
 
 
 def pytest_collection_modifyitems(items):
     """The tests of files in FIRST before all others; within a file they keep their order."""
-    items.sort(key=lambda item: FIRST.index(item.path.name) if item.path.name in FIRST else len(FIRST))
+    names = {item: item.path.relative_to(TESTS).as_posix() for item in items}
+    items.sort(key=lambda item: FIRST.index(names[item]) if names[item] in FIRST else len(FIRST))
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -75,7 +79,7 @@ def pytest_xdist_make_scheduler(config, log):
     class ByFile(LoadFileScheduling):
         def _split_scope(self, nodeid):
             path = super()._split_scope(nodeid)
-            return "one run" if Path(path).name in ONE_RUN else path
+            return "one run" if path.removeprefix("tests/") in ONE_RUN else path
 
     config.option.loadscopereorder = False  # by the number of tests, which says little of how long they take
     return ByFile(config, log)

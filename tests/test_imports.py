@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import FIRST
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("jaxmm", "warp_scanner")
 SIMULATOR = {"warp", "warp_scanner"}
@@ -159,3 +161,8 @@ def test_tests_mirror_the_rooms():
     folders = {path.parent.name for path in (ROOT / "tests").glob("*/test_*.py")}
     assert folders == rooms | {"warp_scanner", "benchmarks", "paper"}
     assert not list((ROOT / "tests" / "cases").glob("test_*.py"))
+
+
+def test_files_that_run_first_are_there():
+    for name in FIRST:
+        assert (ROOT / "tests" / name).is_file(), name

@@ -20,6 +20,7 @@ from jaxmm.config import Config, NetworkConfig, Table, load
 from jaxmm.inputs import InputError
 from jaxmm.learning import model_files
 from jaxmm.learning.train_step import init_all
+from jaxmm.versions import versions
 from warp_scanner.cores import core_count
 
 CONFIG = Config(network=NetworkConfig((4, 8), (4,)), room=Table.of({"size": [9.0, 9.0, 3.0]}))
@@ -120,10 +121,10 @@ def test_a_new_run_folder_holds_settings_and_versions(tmp_path):
     with run_folder.open_run(folder, CONFIG):
         assert names(folder) == [".lock", "config.toml", "versions.json"]
     assert run_folder.read_config(folder) == CONFIG
-    versions = json.loads((folder / "versions.json").read_text())
-    assert versions == versions.versions()
-    assert versions["packages"]["jax"] == jax.__version__ and versions["packages"]["numpy"] == np.__version__
-    assert versions["threads"] == core_count() and versions["python"] == ".".join(map(str, sys.version_info[:3]))
+    told = json.loads((folder / "versions.json").read_text())
+    assert told == versions()
+    assert told["packages"]["jax"] == jax.__version__ and told["packages"]["numpy"] == np.__version__
+    assert told["threads"] == core_count() and told["python"] == ".".join(map(str, sys.version_info[:3]))
     with run_folder.open_run(folder, CONFIG):  # and it opens again
         pass
 
