@@ -86,7 +86,7 @@ class Build:
 
 
 def digest(path: Path) -> str:
-    """sha256 of a file, without how long things took and when it was written, and of a table without its circumstances."""
+    """sha256 of a file, without how long things took, when it was written, and under which circumstances."""
     content = path.read_bytes()
     if path.name == "updated.ifc":
         content = WRITTEN.sub(b"", content)
