@@ -5,8 +5,8 @@
 
 Every build is run as a command, from its own checkout: `jaxmm reproduce` of the demo, `jaxmm generate` of 256 pairs,
 `jaxmm scan` into every format, `jaxmm detect` on the buildings and scans of JAXMM_DATA, and `jaxmm revert`. What is
-kept is a sha256 of each file, without what must differ: timing, and the time of writing. Differences are listed, and end
-in exit code 1.
+kept is a sha256 of each file, without what must differ: timing, and the time of writing. Differences are listed, and
+end in exit code 1.
 """
 
 import argparse
