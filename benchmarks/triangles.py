@@ -33,11 +33,11 @@ VIEWS = 8
 
 def room_triangles() -> tuple[Triangles, np.ndarray]:
     """One generated room, and eight times its one free position."""
-    primitives, rays = rooms_and_poses(1, OAK_D_PRO_SMALL)
+    primitives, pose = rooms_and_poses(1)
     vertices, faces, slot = scene_mesh(primitives, 0)
     slots, element = np.unique(slot, return_inverse=True)
     parts = vertices.astype(np.float32), faces.astype(np.int32), element.astype(np.int32)
-    return Triangles(*parts, primitives.semantic[0, slots]), np.repeat(rays.origin, VIEWS, axis=0)
+    return Triangles(*parts, primitives.semantic[0, slots]), np.repeat(pose.position, VIEWS, axis=0)
 
 
 def building_triangles(path: Path) -> tuple[Triangles, np.ndarray]:
