@@ -8,7 +8,6 @@ model after the other, eager and through torch.compile. Memory is the most that 
 less what it held before its models and batch were made (on Linux only).
 """
 
-import argparse
 import dataclasses
 import multiprocessing
 import re
@@ -19,23 +18,26 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from benchmarks import peers
+from benchmarks.command_line import CommandLine
 from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.config import Config
 from jaxmm.learning.batches import Batch
 from jaxmm.learning.train_step import COMPILER_OPTIONS, init_all, train_step, train_step_all
 
-MODELS, CLOUDS = 4, 8
+MODELS = 4
 CONFIG = Config()
 OURS = "jaxmm"
+PEERS = {"PyTorch eager": False, "torch.compile": True}  # whether it is compiled
 
 
-def random_batch(points: int) -> Batch:
+def random_batch(clouds: int, points: int) -> Batch:
     """Distances like those of a scan pair: most nearly zero, a few large and changed."""
     rng = np.random.default_rng(0)
-    labels = rng.random((MODELS, CLOUDS, points)) < 0.05
+    labels = rng.random((MODELS, clouds, points)) < 0.05
     distance = np.where(labels, rng.uniform(0.09, 2.0, labels.shape), rng.exponential(0.01, labels.shape))
     mask = np.ones(labels.shape, bool)
-    seeds = rng.integers(0, 2**32, (MODELS, CLOUDS), np.uint32)
+    seeds = rng.integers(0, 2**32, (MODELS, clouds), np.uint32)
     return Batch(distance[..., None].astype(np.float32), labels, mask, mask, seeds)
 
 
@@ -80,14 +82,17 @@ CONTESTANTS: dict[str, Callable[[Batch], Callable]] = {
     OURS: lambda batch: joint_step(batch, "map"),
     "jaxmm, models side by side": lambda batch: joint_step(batch, "vmap"),
     "jaxmm, one model at a time": separate_steps,
-    "PyTorch eager": lambda batch: peer_step(batch, compiled=False),
-    "torch.compile": lambda batch: peer_step(batch, compiled=True),
-}
+} | {name: lambda batch, how=compiled: peer_step(batch, how) for name, compiled in PEERS.items()}
+FULL = {"contestants": tuple(CONTESTANTS), "clouds": 8, "points": 4096, "repeat": 5}
+# Compiled steps take as long to compile at any size.
+SMOKE = {"contestants": (OURS, "PyTorch eager"), "clouds": 1, "points": 64, "repeat": 1}
 
 
-def contestants(batch: Batch) -> dict[str, Callable]:
-    """Steps by name, without those that this machine cannot run; says why not."""
-    steps = {name: make(batch) for name, make in CONTESTANTS.items()}
+def contestants(batch: Batch, names: list[str]) -> dict[str, Callable]:
+    """Steps of those named, without those that this machine cannot run; says why not."""
+    steps = {name: CONTESTANTS[name](batch) for name in names}
+    if "torch.compile" not in steps:
+        return steps
     try:
         steps["torch.compile"]()
     except Exception as error:  # whatever a missing or unfit C++ compiler raises, wrapped in torch's own errors
@@ -96,18 +101,17 @@ def contestants(batch: Batch) -> dict[str, Callable]:
     return steps
 
 
-def peak_memory(name: str, points: int) -> float:
+def peak_memory(name: str, clouds: int, points: int) -> float:
     """Most memory [GB] that two steps added to a fresh process."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(_added_memory, (name, points))
+        return pool.apply(_added_memory, (name, clouds, points))
 
 
-def _added_memory(name: str, points: int) -> float:
-    import torch  # noqa: F401    whose libraries should count for nobody
-
+def _added_memory(name: str, clouds: int, points: int) -> float:
+    peers.why_missing("torch")  # loads it where it can be, for its libraries should count for nobody
     jax.block_until_ready(jax.numpy.zeros(1))
     before = _most_held()
-    step = CONTESTANTS[name](random_batch(points))
+    step = CONTESTANTS[name](random_batch(clouds, points))
     for _ in range(2):
         jax.block_until_ready(step())
     return (_most_held() - before) / 2**20
@@ -138,25 +142,22 @@ def rows_of(ours: float, peers: dict[str, float], case: str, unit: str) -> list[
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
-    parser.add_argument("--points", type=int, default=4096, help="points per cloud")
-    parser.add_argument("--repeat", type=int, default=5, help="steps after the first, of which the median is taken")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_json()
+    parser.add_argument("--points", type=int, help="points per cloud")
+    parser.add_argument("--repeat", type=int, help="steps after the first, of which the median is taken")
     options = parser.parse_args()
-    try:
-        import torch  # noqa: F401
-    except ImportError:
-        print("benchmarks.train needs torch to compare with: run `make setup-peers`", file=sys.stderr)
-        return 2
-    steps = contestants(random_batch(options.points))
+    with_torch = peers.has("torch")
+    names = [name for name in options.contestants if with_torch or name not in PEERS]
+    steps = contestants(random_batch(options.clouds, options.points), names)
     timings = dict(zip(steps, measure_in_turns(list(steps.values()), options.repeat), strict=True))
-    ours, case = timings.pop(OURS), f"step of {MODELS} models x {CLOUDS} clouds x {options.points} points"
+    ours, case = timings.pop(OURS), f"step of {MODELS} models x {options.clouds} clouds x {options.points} points"
     print(f"first call: ours {ours.first:.1f} s, {', '.join(f'{n} {t.first:.1f} s' for n, t in timings.items())}")
     rows = rows_of(ours.median, {name: timing.median for name, timing in timings.items()}, case, "s")
     for row, timing in zip(rows, timings.values(), strict=True):
         row |= {"ours_first_call_s": round(ours.first, 2), "peer_first_call_s": round(timing.first, 2)}
     if sys.platform == "linux":
-        memory = {name: peak_memory(name, options.points) for name in steps if name != "torch.compile"}
+        memory = {name: peak_memory(name, options.clouds, options.points) for name in steps if name != "torch.compile"}
         rows += rows_of(memory.pop(OURS), memory, f"memory of a {case}", "GB")
     if options.json:
         write_report(options.json, rows, "jax", "flax", "optax", "torch", "numpy")
