@@ -9,7 +9,6 @@ pairs that are refused, objects that are found of those with an observable fract
 still hold, and how many of those found are right.
 """
 
-import argparse
 import itertools
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.command_line import CommandLine
 from benchmarks.detection_scores import COUNTS, objects_of, share_of
 from benchmarks.detections import TEST_SEED
 from jaxmm import detect
@@ -35,6 +35,7 @@ from warp_scanner.sensors.scan import Scan
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
 
 SCENES = (*SCENARIOS, UNCHANGED)
+FULL, SMOKE = {"rooms": 50, "only": []}, {"rooms": 1, "only": ["wall_added"]}
 FORMS = ("filtered", "whole")
 VOXEL, LEAST_TOP = 0.1, 2.0  # [m] of the thesis's files: voxels, and the height above the floor that stays
 LEAST_LEFT = 20  # points of an object in both clouds together, below which the filter took it away
@@ -126,10 +127,10 @@ def table(out: Path, rooms: int, seed: int) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--rooms", type=int, default=50, metavar="N", help="of each kind and condition")
-    parser.add_argument("--only", nargs="+", choices=SCENES, default=[], metavar="SCENE")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_out()
+    parser.add_argument("--rooms", type=int, metavar="N", help="of each kind and condition")
+    parser.add_argument("--only", nargs="+", choices=SCENES, metavar="SCENE")
     parser.add_argument("--seed", type=int, default=TEST_SEED, metavar="N")
     asked = parser.parse_args()
     main(asked.out, asked.rooms, asked.only, asked.seed)

@@ -10,13 +10,13 @@ simulator's truth. Recall is of objects with an observable fraction of at least 
 that is found, and without what is found, rightly or not, where an object shows less than that.
 """
 
-import argparse
 import itertools
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.command_line import CommandLine
 from benchmarks.detection_scores import COUNTS, LEAST_SHOWN, objects_of, share_of
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, UNCHANGED
 from jaxmm.files import load_json, write_json
@@ -36,6 +36,8 @@ from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import cast_triangles
 
 TEST_SEED = 3  # of configs/weights.toml: neither training nor any choice has seen its rooms
+FULL = {"rooms": 200, "only": [], "presets": list(HOW)}
+SMOKE = {"rooms": 1, "only": ["pillar_added_and_removed"]}
 SCENES = (*SCENARIOS, UNCHANGED, *MULTI_SCENARIOS)
 AT_ONCE = 20  # rooms
 UNCHANGED_SHARE = 1.25  # of the rooms of a scene with changes, in each condition
@@ -196,11 +198,11 @@ def _risk(elements: list[list[Any]]) -> list[str]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--rooms", type=int, default=200, metavar="N")
-    parser.add_argument("--only", nargs="+", choices=SCENES, default=[], metavar="SCENE")
-    parser.add_argument("--presets", nargs="+", choices=HOW, default=list(HOW), help="'default' must be among them")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_out()
+    parser.add_argument("--rooms", type=int, metavar="N")
+    parser.add_argument("--only", nargs="+", choices=SCENES, metavar="SCENE")
+    parser.add_argument("--presets", nargs="+", choices=HOW, help="'default' must be among them")
     parser.add_argument("--model", type=Path, default=DEFAULT, metavar="RUN|FILE")
     parser.add_argument("--seed", type=int, default=TEST_SEED, metavar="N")
     parser.add_argument("--kind", choices=sorted(PRESETS), default="varied", help="of rooms")
