@@ -85,7 +85,7 @@ def _small_run(folder: Path) -> Path:
 
 
 Scored = dict[str, list[tuple[LabelledCloud, np.ndarray]]]  # scenario -> clouds, and distances once holes are filled
-Row = dict[str, tuple[float, float]]
+Row = dict[str, tuple[float, float] | None]  # None where no room shows enough of the change
 
 
 def _test_clouds(config: Config, changes: dict, rooms: int) -> Scored:
@@ -155,12 +155,15 @@ def _row(scored: Scored, score: Callable[[LabelledCloud, str, np.ndarray], np.nd
             if np.sum(label & ~void) >= 20:
                 metrics = point_metrics(score(cloud, scenario, filled), label, void)
                 found.append((metrics.roc_auc, metrics.precision_at_95))
-        row[scenario] = tuple(np.mean(found, axis=0).tolist()) if found else (np.nan, np.nan)
+        row[scenario] = tuple(np.mean(found, axis=0).tolist()) if found else None
     return row
 
 
 def _line(name: str, kinds: dict[str, Row]) -> str:
-    cells = [f"{kind}: " + "  ".join(f"{a:.4f}/{p:.3f}" for a, p in row.values()) for kind, row in kinds.items()]
+    def told(scores: tuple[float, float] | None) -> str:
+        return "-" if scores is None else f"{scores[0]:.4f}/{scores[1]:.3f}"
+
+    cells = [f"{kind}: " + "  ".join(map(told, row.values())) for kind, row in kinds.items()]
     return f"{name:30s} {'   '.join(cells)}"
 
 
