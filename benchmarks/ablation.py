@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.accuracy import condition_config
 from benchmarks.command_line import CommandLine, end_without
 from jaxmm import run_folder
-from jaxmm.config import SCENARIOS, Config, DataConfig, TrainConfig
+from jaxmm.config import SCENARIOS, Config, DataConfig, NetworkConfig, TrainConfig
 from jaxmm.data import labelled_rooms
 from jaxmm.data.sides import sides_of
 from jaxmm.data.simulator_settings import CloudSource
@@ -80,7 +80,8 @@ def _small_run(folder: Path) -> Path:
     data = DataConfig(train_rooms=1, validation_rooms=1, unchanged_rooms=0)
     train = TrainConfig(methods=(METHOD,), augment=(), labels="true", batch_size=1, points_per_cloud=64)
     preprocess = dataclasses.replace(Config().preprocess, evidence="exact")
-    with run_folder.open_run(folder, Config(data=data, train=train, preprocess=preprocess)):
+    network = NetworkConfig(encoder=(4, 8), head=(4,))
+    with run_folder.open_run(folder, Config(data=data, train=train, preprocess=preprocess, network=network)):
         return folder
 
 

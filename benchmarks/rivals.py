@@ -16,7 +16,7 @@ beside them how many of those that nobody can see it calls removed. Needs py4dge
 """
 
 import logging
-from pathlib import Path
+from argparse import Namespace
 from typing import Any
 
 import numpy as np
@@ -43,24 +43,25 @@ CYLINDER, DEPTH = 0.2, 1.0  # [m] radius and half length of M3C2's cylinders
 FARTHEST = 2.0  # [m] distance of what has no counterpart
 RIVALS = ("cloud to mesh", "coverage", "M3C2")
 # Rooms of each removed object, and of validation at least.
-FULL, SMOKE = {"rooms": 100, "least": 20}, {"rooms": 1, "least": 1}
+FULL = {"rooms": 100, "least": 20, "conditions": ("clean", "occluded")}
+SMOKE = {"rooms": 1, "least": 1, "conditions": ("occluded",)}
 SCENES = ("wall_removed", "pillar_removed")
 
 
-def main(out: Path, rooms: int, least: int) -> None:
+def main(asked: Namespace) -> None:
     judges = read_judges(DEFAULT)
     rivals = [name for name in RIVALS if name != "M3C2" or peers.has("py4dgeo")]
     lines = ["| condition | method | elements | precision | recall | ROC AUC | unseen called removed |"]
     lines.append("| --- | --- | --- | --- | --- | --- | --- |")
     kept: dict[str, Any] = {}
-    for condition in ("clean", "occluded"):
-        chosen = _scored(condition, VALIDATION_SEED, max(least, rooms // 2), (judges, rivals))
-        tested = _scored(condition, TEST_SEED, rooms, (judges, rivals))
+    for condition in asked.conditions:
+        chosen = _scored(condition, VALIDATION_SEED, max(asked.least, asked.rooms // 2), (judges, rivals))
+        tested = _scored(condition, TEST_SEED, asked.rooms, (judges, rivals))
         kept[condition] = tested
         for name in (*rivals, "detect"):
             threshold = 0.5 if name == "detect" else _best_threshold(chosen, name)
             lines.append(_line(condition, name, tested, threshold))
-    write_json(out, kept)
+    write_json(asked.out, kept)
     print("\n".join(lines))
 
 
@@ -143,4 +144,4 @@ if __name__ == "__main__":
     parser.add_out("FILE.json")
     parser.add_argument("--rooms", type=int, metavar="N", help="of each removed object")
     asked = parser.parse_args()
-    main(asked.out, asked.rooms, asked.least)
+    main(asked)

@@ -9,6 +9,7 @@ them, and verdicts on walls and columns that could be told.
 """
 
 import itertools
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
@@ -33,14 +34,14 @@ SMOKE = {"rooms": 1, "only": ["oak-d-pro-small"], "scenes": ("wall_added",)}
 AT_ONCE = 10  # rooms: a scan of a terrestrial scanner has 1.6 million points
 
 
-def main(out: Path, rooms: int, which: tuple[list[str], tuple[str, ...]], seed: int) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    only, scenes = which
-    tasks = list(itertools.product(only or SENSORS, WAYS, scenes, [rooms], [seed], [out]))
+def main(asked: Namespace) -> None:
+    asked.out.mkdir(parents=True, exist_ok=True)
+    same = [asked.rooms], [asked.seed], [asked.out]
+    tasks = list(itertools.product(asked.only or SENSORS, WAYS, asked.scenes, *same))
     with worker_pool() as pool:
         for line in pool.map(_part, tasks):
             print(line, flush=True)
-    print(table(out, rooms, seed))
+    print(table(asked.out, asked.rooms, asked.seed))
 
 
 def _path(out: Path, sensor: str, scene: str, rooms: int, seed: int) -> Path:
@@ -123,4 +124,4 @@ if __name__ == "__main__":
     parser.add_argument("--only", nargs="+", choices=SENSORS, metavar="SENSOR")
     parser.add_argument("--seed", type=int, default=TEST_SEED, metavar="N")
     asked = parser.parse_args()
-    main(asked.out, asked.rooms, (asked.only, asked.scenes), asked.seed)
+    main(asked)
