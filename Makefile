@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # As a path: with a finder Python takes a clone called jaxmm, right below where one is, for the package itself.
 EDITABLE := --config-settings editable_mode=compat -e
 
-.PHONY: demo paper report test setup setup-peers weights lint bench fuzz clean
+.PHONY: demo paper report test setup setup-peers weights lint bench bench-smoke fuzz clean
 
 demo: setup
 	$(BIN)/jaxmm reproduce configs/demo.toml
@@ -51,6 +51,8 @@ lint: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m pytest tests/test_lock.py
 
+# Hours. Those that take files come last, where JAXMM_DATA holds building files and the thesis's repository, and where
+# `make weights` has left its run. Left out are unchanged, which compares two checkouts, and peak, a part of large_scans.
 bench: setup-peers
 	$(BIN)/python -m benchmarks.rays
 	$(BIN)/python -m benchmarks.triangles
@@ -62,9 +64,32 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.train
 	$(BIN)/python -m benchmarks.detect
 	$(BIN)/python -m benchmarks.latency
+	$(BIN)/python -m benchmarks.matrix
+	$(BIN)/python -m benchmarks.accuracy --out runs/accuracy
+	$(BIN)/python -m benchmarks.objects --out runs/objects
 	$(BIN)/python -m benchmarks.detections --out runs/detections
+	$(BIN)/python -m benchmarks.sensors --out runs/sensors
 	$(BIN)/python -m benchmarks.clouds --out runs/clouds
 	$(BIN)/python -m benchmarks.rivals --out runs/rivals.json
+	$(BIN)/python -m benchmarks.large_scans
+ifneq ($(wildcard $(JAXMM_DATA)/ifc),)
+	$(BIN)/python -m benchmarks.buildings $(JAXMM_DATA)/ifc --out runs/buildings
+	$(BIN)/python -m benchmarks.progress $(JAXMM_DATA)/ifc --out runs/progress
+	$(BIN)/python -m benchmarks.outdoors $(JAXMM_DATA)/ifc --out runs/outdoors
+endif
+ifneq ($(wildcard $(JAXMM_DATA)/thesis),)
+	$(BIN)/python -m benchmarks.released $(JAXMM_DATA)/thesis
+endif
+ifneq ($(wildcard runs/weights/models.safetensors),)
+	test -e runs/ablation || $(BIN)/python -m benchmarks.ablation runs/weights --out runs/ablation
+endif
+
+# Every benchmark at its smallest size, to see that all still run: five minutes. Exit code 2 says that files are missing.
+bench-smoke: setup-peers
+	@for file in $$(grep -l __main__ benchmarks/*.py); do \
+		name=$$(basename $$file .py); echo "== benchmarks.$$name"; \
+		$(BIN)/python -m benchmarks.$$name --smoke || [ $$? -eq 2 ] || exit 1; \
+	done
 
 # Ten thousand mutations of valid files for every reader, in subprocesses under limits of time and memory.
 fuzz: setup

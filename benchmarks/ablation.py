@@ -8,20 +8,21 @@ prior's geometry, once with thinned clouds and no element ids. Prints mean ROC A
 them stand the rule, the raw distance, and the raw distance after the holes of the robot's scan were filled.
 """
 
-import argparse
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.accuracy import condition_config
+from benchmarks.command_line import CommandLine, end_without
 from jaxmm import run_folder
-from jaxmm.config import SCENARIOS, Config
+from jaxmm.config import SCENARIOS, Config, DataConfig, NetworkConfig, TrainConfig
 from jaxmm.data import labelled_rooms
 from jaxmm.data.sides import sides_of
 from jaxmm.data.simulator_settings import CloudSource
 from jaxmm.files import write_json
+from jaxmm.inputs import InputError
 from jaxmm.learning import room_scores
 from jaxmm.learning.batches import LabelledCloud, Sampler, features_of, labels_of, validation_batch
 from jaxmm.learning.fit import fit
@@ -47,19 +48,24 @@ VARIANTS: dict[str, Callable[[str], bool]] = {
     "each point alone": lambda name: name in (*FRACTIONS, *RANGES, *HEIGHTS, "apart"),
     "distance and place alone": lambda name: name in (*HEIGHTS, "apart"),
 }
+FULL = {"rooms": 40, "steps": 1500, "variants": tuple(VARIANTS)}
+SMOKE = {"rooms": 1, "steps": 2, "variants": ("all", "each point alone")}
 KINDS = {"geometry": {"object_filter": "none"}, "clouds, no ids": {"object_filter": "none", "evidence": "points"}}
 
 
-def main(run: Path, out: Path, rooms: int, steps: int) -> None:
+def main(run: Path, out: Path, rooms: int, steps: int, variants: Sequence[str]) -> None:
     if out.exists() and any(out.iterdir()):
         raise SystemExit(f"{out}: expected a new folder, for checkpoints in it may be of other settings")
-    config = run_folder.read_config(run)
+    try:
+        config = run_folder.read_config(run)
+    except InputError as error:
+        end_without(str(error))
     splits = [[training_clouds(config, run, name, split) for name in SCENARIOS] for split in ("train", "validation")]
     short = dataclasses.replace(config, train=dataclasses.replace(config.train, step_count=steps))
     rows = {}
     scored = {kind: _test_clouds(config, changes, rooms) for kind, changes in KINDS.items()}
-    for name, kept in VARIANTS.items():
-        blank = np.array([not kept(column) for column in FEATURES])
+    for name in variants:
+        blank = np.array([not VARIANTS[name](column) for column in FEATURES])
         models = _trained(short, splits, blank, out / name.replace(" ", "_"))
         rows[name] = {kind: _model_row(models, config, clouds, blank) for kind, clouds in scored.items()}
         print(_line(name, rows[name]), flush=True)
@@ -69,8 +75,18 @@ def main(run: Path, out: Path, rooms: int, steps: int) -> None:
     write_json(out / "ablation.json", {"rooms": rooms, "steps": steps, "rows": rows})
 
 
+def _small_run(folder: Path) -> Path:
+    """A run folder of settings alone, which say one room: its clouds are made where they are asked for."""
+    data = DataConfig(train_rooms=1, validation_rooms=1, unchanged_rooms=0)
+    train = TrainConfig(methods=(METHOD,), augment=(), labels="true", batch_size=1, points_per_cloud=64)
+    preprocess = dataclasses.replace(Config().preprocess, evidence="exact")
+    network = NetworkConfig(encoder=(4, 8), head=(4,))
+    with run_folder.open_run(folder, Config(data=data, train=train, preprocess=preprocess, network=network)):
+        return folder
+
+
 Scored = dict[str, list[tuple[LabelledCloud, np.ndarray]]]  # scenario -> clouds, and distances once holes are filled
-Row = dict[str, tuple[float, float]]
+Row = dict[str, tuple[float, float] | None]  # None where no room shows enough of the change
 
 
 def _test_clouds(config: Config, changes: dict, rooms: int) -> Scored:
@@ -140,20 +156,24 @@ def _row(scored: Scored, score: Callable[[LabelledCloud, str, np.ndarray], np.nd
             if np.sum(label & ~void) >= 20:
                 metrics = point_metrics(score(cloud, scenario, filled), label, void)
                 found.append((metrics.roc_auc, metrics.precision_at_95))
-        row[scenario] = tuple(np.mean(found, axis=0).tolist()) if found else (np.nan, np.nan)
+        row[scenario] = tuple(np.mean(found, axis=0).tolist()) if found else None
     return row
 
 
 def _line(name: str, kinds: dict[str, Row]) -> str:
-    cells = [f"{kind}: " + "  ".join(f"{a:.4f}/{p:.3f}" for a, p in row.values()) for kind, row in kinds.items()]
+    def told(scores: tuple[float, float] | None) -> str:
+        return "-" if scores is None else f"{scores[0]:.4f}/{scores[1]:.3f}"
+
+    cells = [f"{kind}: " + "  ".join(map(told, row.values())) for kind, row in kinds.items()]
     return f"{name:30s} {'   '.join(cells)}"
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, help="finished run folder of configs/weights.toml")
-    parser.add_argument("--out", type=Path, required=True, help="folder of checkpoints and ablation.json")
-    parser.add_argument("--rooms", type=int, default=40, help="test rooms a row")
-    parser.add_argument("--steps", type=int, default=1500, help="training steps of each variant")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_input("run", "finished run folder of configs/weights.toml")
+    parser.add_out(about="folder of checkpoints and ablation.json")
+    parser.add_argument("--rooms", type=int, help="test rooms a row")
+    parser.add_argument("--steps", type=int, help="training steps of each variant")
     options = parser.parse_args()
-    main(options.run, options.out, options.rooms, options.steps)
+    run = options.run or _small_run(parser.scratch / "run")
+    main(run, options.out, options.rooms, options.steps, options.variants)

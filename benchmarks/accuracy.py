@@ -7,12 +7,12 @@ of every room; what is there is not made again. Rooms are drawn from the test se
 and precision at 95 % recall of each method, true labels, and the lower ends of the intervals of the models' own.
 """
 
-import argparse
 import dataclasses
 import hashlib
 from pathlib import Path
 from typing import Any
 
+from benchmarks.command_line import CommandLine
 from jaxmm import run_folder
 from jaxmm.config import Config, Table
 from jaxmm.files import load_json, write_json
@@ -56,6 +56,7 @@ CONDITIONS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     for metres, degrees in ((0.0, 0.0), (0.1, 0.0), (0.3, 0.0), (0.0, 2.0), (0.0, 5.0), (0.1, 2.0), (0.3, 5.0))
     for registration in ("refine", "none")
 }  # fmt: skip
+FULL, SMOKE = {"rooms": 200, "only": []}, {"rooms": 1, "only": ["thesis"]}
 SWEEP_SHARE = 5  # a point of the sweep takes so much fewer rooms
 
 
@@ -112,10 +113,10 @@ def _line(rows: list[result_tables.Row]) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, help="folder of the conditions' run folders")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_out(about="folder of the conditions' run folders")
     parser.add_argument("--model", type=Path, default=DEFAULT, help="run folder or .safetensors file")
-    parser.add_argument("--rooms", type=int, default=200, help="test rooms a row")
-    parser.add_argument("--only", nargs="+", choices=CONDITIONS, default=[], help="some conditions only")
+    parser.add_argument("--rooms", type=int, help="test rooms a row")
+    parser.add_argument("--only", nargs="+", choices=CONDITIONS, help="some conditions only")
     options = parser.parse_args()
     main(options.model, options.out, options.rooms, options.only)

@@ -1,4 +1,7 @@
-"""Views of building files by several sensors: what is told of each, a JSON file for each file and sensor."""
+"""Views of building files by several sensors: what is told of each, a JSON file for each file and sensor.
+
+And the building files themselves: those of a folder, or one of a generated room, for smoke runs.
+"""
 
 import argparse
 import itertools
@@ -8,11 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.command_line import CommandLine, end_without
+from benchmarks.rays import rooms_and_poses
 from jaxmm.files import load_json, write_json
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.verdicts.priors import Prior, read_prior
 from jaxmm.weights import DEFAULT
+from warp_scanner.buildings.room_ifc import write_room
 from warp_scanner.clouds.points import points_of
 from warp_scanner.cores import worker_pool
 from warp_scanner.sensors.imperfections import imperfect
@@ -27,22 +33,37 @@ SEED = 3  # of the test places
 Teller = Callable[[Prior, Judges, str, tuple[int, int]], dict[str, Any] | None]
 
 
-def asked_for(about: str, views: int) -> argparse.Namespace:
-    """The command line: FOLDER, --out, --views and --seed."""
-    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, metavar="FOLDER")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--views", type=int, default=views, metavar="N", help="of each file and sensor")
+def asked_for(about: str, full: dict[str, Any], smoke: dict[str, Any]) -> argparse.Namespace:
+    """The command line: FOLDER, --out, --views and --seed; sizes are `views` and `sensors`."""
+    parser = CommandLine(about, full, smoke)
+    parser.add_input("folder")
+    parser.add_out()
+    parser.add_argument("--views", type=int, metavar="N", help="of each file and sensor")
     parser.add_argument("--seed", type=int, default=SEED, metavar="N")
-    return parser.parse_args()
+    asked = parser.parse_args()
+    asked.folder = asked.folder or made_building(parser.scratch / "ifc")
+    return asked
 
 
-def tell_views(teller: Teller, sensors: tuple[str, ...], asked: argparse.Namespace) -> None:
+def made_building(folder: Path) -> Path:
+    """A new folder with one IFC file, of a generated room."""
+    folder.mkdir(parents=True)
+    write_room(folder / "room.ifc", rooms_and_poses(1)[0], 0)
+    return folder
+
+
+def ifc_files(folder: Path) -> list[Path]:
+    """All IFC files below a folder; without any the process ends."""
+    paths = sorted(folder.rglob("*.ifc"))
+    return paths or end_without(f"{folder}: expected IFC files, found {'none' if folder.is_dir() else 'no folder'}")
+
+
+def tell_views(teller: Teller, asked: argparse.Namespace) -> None:
     """Views of every IFC file below a folder by every sensor, on all cores; what is there is not made again."""
+    paths = ifc_files(asked.folder)
     asked.out.mkdir(parents=True, exist_ok=True)
-    paths = sorted(asked.folder.rglob("*.ifc"))
     with worker_pool() as pool:
-        tasks = [(teller, path, sensor, asked) for path, sensor in itertools.product(paths, sensors)]
+        tasks = [(teller, path, sensor, asked) for path, sensor in itertools.product(paths, asked.sensors)]
         for line in pool.map(_part, tasks):
             print(line, flush=True)
 

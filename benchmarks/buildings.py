@@ -27,6 +27,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.building_views import ifc_files, made_building
+from benchmarks.command_line import CommandLine
 from benchmarks.detection_scores import LEAST_SHOWN
 from benchmarks.lookalikes import lookalikes, sections_of, view_of
 from jaxmm.config import SCENARIOS
@@ -49,23 +51,28 @@ from warp_scanner.clouds.points import points_of
 from warp_scanner.rooms.pairs import Pairs
 from warp_scanner.scenes.building import without
 from warp_scanner.sensors.poses import rotation_of
-from warp_scanner.sensors.sensors import OAK_D_PRO, OAK_D_PRO_SMALL, Sensor
+from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, Sensor, sensor_named
 
 SEED = 3  # of the test rooms
 CHANGES = (*SCENARIOS, *MISSING)
+# Views of each change, which changes, and of what is timed the sensor, and whether it is with empty caches, too.
+FULL = {"pairs": 10, "changes": CHANGES, "sensor": "oak-d-pro", "cold": True}
+SMOKE = {
+    "pairs": 1, "changes": ("pillar_added", "wall_removed", "wall_missing"), "sensor": "oak-d-pro-small", "cold": False,
+}  # fmt: skip
 SURE = (0.5, 0.75, 0.95, 0.99)  # from these probabilities of a type on, types are told together
 HELD = 0.5  # share of the rays that show a missing element, that must end in boxes of its type
 
 
-def main(folder: Path, out: Path, pairs: int, condition: str, model: Path, seed: int) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    judges = read_judges(model)
-    for path in sorted(folder.rglob("*.ifc")):
-        kept = _kept(out, path.stem, condition, seed)
+def main(asked: argparse.Namespace) -> None:
+    paths, judges = ifc_files(asked.folder), read_judges(asked.model)
+    asked.out.mkdir(parents=True, exist_ok=True)
+    for path in paths:
+        kept = _kept(asked.out, path.stem, asked.condition, asked.seed)
         if not _is_whole(kept):
-            write_json(kept, _file(path, judges, pairs, condition, seed))
+            write_json(kept, _file(path, judges, asked))
         print(path.stem, flush=True)
-    print(table(out, condition, seed))
+    print(table(asked.out, asked.condition, asked.seed))
 
 
 def _kept(out: Path, stem: str, condition: str, seed: int) -> Path:
@@ -77,19 +84,19 @@ def _is_whole(kept: Path) -> bool:
     return kept.exists() and all("types" in one or "refused" in one for one in load_json(kept)["views"])
 
 
-def _file(path: Path, judges: Judges, count: int, condition: str, seed: int) -> dict[str, Any]:
+def _file(path: Path, judges: Judges, asked: argparse.Namespace) -> dict[str, Any]:
     begun = time.perf_counter()
     prior = read_prior(path)
     told: dict[str, Any] = {"loading": time.perf_counter() - begun, "views": [], "without": []}
-    for scenario in CHANGES:
-        for number in range(count):
+    for scenario in asked.changes:
+        for number in range(asked.pairs):
             try:
-                case = _case(prior, (scenario, condition, seed, number), OAK_D_PRO_SMALL)
+                case = _case(prior, (scenario, asked.condition, asked.seed, number), OAK_D_PRO_SMALL)
             except (ValueError, RuntimeError) as error:
                 told["without"].append(f"{scenario}: {error}")
                 break
             told["views"].append(_view(prior, judges, scenario, *case))
-    told["seconds"] = _timed(prior, path, judges, (condition, seed))
+    told["seconds"] = _timed(prior, path, judges, asked)
     return told
 
 
@@ -158,10 +165,10 @@ def _held(found: list[Mismatch], pairs: Pairs, scan: PosedScan, origin: np.ndarr
     return int(held.sum() >= HELD * max(shows.sum(), 1)), right
 
 
-def _timed(prior: Prior, path: Path, judges: Judges, which: tuple[str, int]) -> dict[str, float]:
+def _timed(prior: Prior, path: Path, judges: Judges, asked: argparse.Namespace) -> dict[str, float]:
     """Seconds for a scan of 1280 x 800: warm from loaded arrays to the report's text, and of the command."""
     try:
-        _, scan = _case(prior, ("wall_added", *which, 0), OAK_D_PRO)
+        _, scan = _case(prior, ("wall_added", asked.condition, asked.seed, 0), sensor_named(asked.sensor))
     except (ValueError, RuntimeError):
         return {}
     seconds = {}
@@ -173,10 +180,10 @@ def _timed(prior: Prior, path: Path, judges: Judges, which: tuple[str, int]) -> 
         except InputError:
             return {}
         seconds[name] = time.perf_counter() - begun
-    return seconds | _command(prior, path, scan)
+    return seconds | _command(prior, path, scan, asked)
 
 
-def _command(prior: Prior, path: Path, scan: PosedScan) -> dict[str, float]:
+def _command(prior: Prior, path: Path, scan: PosedScan, asked: argparse.Namespace) -> dict[str, float]:
     """Seconds of the whole command, in processes of their own."""
     forward = scan.rotation[:, 0]
     angles = np.degrees([np.arctan2(forward[1], forward[0]), np.arcsin(forward[2])])
@@ -185,9 +192,10 @@ def _command(prior: Prior, path: Path, scan: PosedScan) -> dict[str, float]:
     with TemporaryDirectory() as folder:
         points = Path(folder) / "scan.npy"
         np.save(points, scan.points + prior.origin)
-        caches = {name: f"{folder}/{name}" for name in ("JAX_COMPILATION_CACHE_DIR", "WARP_CACHE_PATH")}
-        for name in ("command, cold", "command"):
-            words = [path, points, f"--pose={pose}", "--sensor", "oak-d-pro", "--out", f"{folder}/{name}"]
+        empty = ("JAX_COMPILATION_CACHE_DIR", "WARP_CACHE_PATH") if asked.cold else ()
+        caches = {name: f"{folder}/{name}" for name in empty}
+        for name in ("command, cold", "command") if asked.cold else ("command",):
+            words = [path, points, f"--pose={pose}", "--sensor", asked.sensor, "--out", f"{folder}/{name}"]
             begun = time.perf_counter()
             done = subprocess.run(
                 [sys.executable, "-m", "jaxmm", "detect", *map(str, words)], env=os.environ | caches,
@@ -212,8 +220,10 @@ def table(out: Path, condition: str, seed: int) -> str:
         for stem, told in files.items():
             cells = [stem.removesuffix(f"_{condition}_{seed}"), *_counts(told["views"], changes)]
             if timed:
-                taken = [told["seconds"].get(name, float("nan")) for name in ("warm", "command, cold", "command")]
-                cells += [f"{told['loading']:.1f}", f"{taken[0]:.2f}", *(f"{one:.1f}" for one in taken[1:])]
+                cells.append(f"{told['loading']:.1f}")
+                for name, digits in (("warm", 2), ("command, cold", 1), ("command", 1)):
+                    taken = told["seconds"].get(name)
+                    cells.append("-" if taken is None else f"{taken:.{digits}f}")
             lines.append(f"| {' | '.join(str(cell) for cell in cells)} |")
         lines.append("")
     types = [one for told in files.values() for view in told["views"] for one in view.get("types", [])]
@@ -244,12 +254,13 @@ def _counts(views: list[dict[str, Any]], changes: tuple[str, ...]) -> list[int]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, metavar="FOLDER")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--pairs", type=int, default=10, metavar="N", help="views of each change")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_input("folder")
+    parser.add_out()
+    parser.add_argument("--pairs", type=int, metavar="N", help="views of each change")
     parser.add_argument("--condition", choices=("clean", "occluded"), default="occluded")
     parser.add_argument("--seed", type=int, default=SEED, metavar="N")
     parser.add_argument("--model", type=Path, default=DEFAULT, metavar="RUN|FILE")
     asked = parser.parse_args()
-    main(asked.folder, asked.out, asked.pairs, asked.condition, asked.model, asked.seed)
+    asked.folder = asked.folder or made_building(parser.scratch / "ifc")
+    main(asked)

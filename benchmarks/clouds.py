@@ -9,14 +9,15 @@ pairs that are refused, objects that are found of those with an observable fract
 still hold, and how many of those found are right.
 """
 
-import argparse
 import itertools
+from argparse import Namespace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from benchmarks.command_line import CommandLine
 from benchmarks.detection_scores import COUNTS, objects_of, share_of
 from benchmarks.detections import TEST_SEED
 from jaxmm import detect
@@ -35,19 +36,22 @@ from warp_scanner.sensors.scan import Scan
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
 
 SCENES = (*SCENARIOS, UNCHANGED)
+FULL = {"rooms": 50, "only": [], "conditions": CONDITIONS}
+SMOKE = {"rooms": 1, "only": ["wall_added"], "conditions": ("occluded",)}
 FORMS = ("filtered", "whole")
 VOXEL, LEAST_TOP = 0.1, 2.0  # [m] of the thesis's files: voxels, and the height above the floor that stays
 LEAST_LEFT = 20  # points of an object in both clouds together, below which the filter took it away
 SENSOR_HEIGHT = 1.5  # [m] as of most released scans
 
 
-def main(out: Path, rooms: int, only: list[str], seed: int) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    tasks = list(itertools.product(only or SCENES, CONDITIONS, [rooms], [seed], [out]))
+def main(asked: Namespace) -> None:
+    asked.out.mkdir(parents=True, exist_ok=True)
+    same = [asked.rooms], [asked.seed], [asked.out]
+    tasks = list(itertools.product(asked.only or SCENES, asked.conditions, *same))
     with worker_pool() as pool:
         for line in pool.map(_part, tasks):
             print(line, flush=True)
-    print(table(out, rooms, seed))
+    print(table(asked.out, asked.rooms, asked.seed))
 
 
 def _path(out: Path, scene: str, condition: str, rooms: int, seed: int) -> Path:
@@ -126,10 +130,10 @@ def table(out: Path, rooms: int, seed: int) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--rooms", type=int, default=50, metavar="N", help="of each kind and condition")
-    parser.add_argument("--only", nargs="+", choices=SCENES, default=[], metavar="SCENE")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_out()
+    parser.add_argument("--rooms", type=int, metavar="N", help="of each kind and condition")
+    parser.add_argument("--only", nargs="+", choices=SCENES, metavar="SCENE")
     parser.add_argument("--seed", type=int, default=TEST_SEED, metavar="N")
     asked = parser.parse_args()
-    main(asked.out, asked.rooms, asked.only, asked.seed)
+    main(asked)

@@ -6,19 +6,20 @@ Four models, one feature, running statistics, no dropout: what one scan against 
 as many threads, without gradients, one model after the other. Both answer with probabilities.
 """
 
-import argparse
 import sys
-from pathlib import Path
 
 import jax
 import numpy as np
 
+from benchmarks import peers
+from benchmarks.command_line import CommandLine
 from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.config import COMPACT, THESIS, NetworkConfig
 from jaxmm.learning.train_step import init_model, probabilities
 from warp_scanner.cores import core_count
 
 MODELS = 4
+FULL, SMOKE = {"points": 8192, "repeat": 20}, {"points": 256, "repeat": 1}
 
 
 def ours(distance: np.ndarray, network: NetworkConfig):
@@ -46,19 +47,14 @@ def theirs(distance: np.ndarray, network: NetworkConfig):
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
-    parser.add_argument("--points", type=int, default=8192, help="points of the cloud")
-    parser.add_argument("--repeat", type=int, default=20, help="calls after the first, of which the median is taken")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_json()
+    parser.add_argument("--points", type=int, help="points of the cloud")
+    parser.add_argument("--repeat", type=int, help="calls after the first, of which the median is taken")
     options = parser.parse_args()
-    try:
-        import torch  # noqa: F401
-    except ImportError:
-        print("benchmarks.detect needs torch to compare with: run `make setup-peers`", file=sys.stderr)
-        return 2
     distance = np.random.default_rng(0).exponential(0.05, (options.points, 1)).astype(np.float32)
     rows = []
-    for name, network in (("thesis", THESIS), ("compact", COMPACT)):
+    for name, network in {"thesis": THESIS, "compact": COMPACT}.items() if peers.has("torch") else ():
         mine, peer = measure_in_turns([ours(distance, network), theirs(distance, network)], options.repeat)
         row = {
             "case": f"{MODELS} {name} networks, {options.points} points",

@@ -10,13 +10,14 @@ simulator's truth. Recall is of objects with an observable fraction of at least 
 that is found, and without what is found, rightly or not, where an object shows less than that.
 """
 
-import argparse
 import itertools
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.command_line import CommandLine
 from benchmarks.detection_scores import COUNTS, LEAST_SHOWN, objects_of, share_of
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, UNCHANGED
 from jaxmm.files import load_json, write_json
@@ -36,24 +37,27 @@ from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import cast_triangles
 
 TEST_SEED = 3  # of configs/weights.toml: neither training nor any choice has seen its rooms
+FULL = {"rooms": 200, "only": [], "conditions": CONDITIONS, "presets": list(HOW)}
+SMOKE = {"rooms": 1, "only": ["pillar_added_and_removed"], "conditions": ("occluded",)}
 SCENES = (*SCENARIOS, UNCHANGED, *MULTI_SCENARIOS)
 AT_ONCE = 20  # rooms
 UNCHANGED_SHARE = 1.25  # of the rooms of a scene with changes, in each condition
 FURNITURE = ObjectSettings().furniture_height  # [m] what is seen no higher may be furniture
 
 
-def main(out: Path, rooms: int, only: list[str], presets: list[str], source: tuple[Path, int, str]) -> None:
-    out.mkdir(parents=True, exist_ok=True)
+def main(asked: Namespace) -> None:
+    asked.out.mkdir(parents=True, exist_ok=True)
+    source = (asked.model, asked.seed, asked.kind)
     parts = [
-        (scene, condition, start, min(AT_ONCE, count - start), presets, source, out)
-        for scene, condition in itertools.product(only or SCENES, CONDITIONS)
-        for count in [round(rooms * (UNCHANGED_SHARE if scene == UNCHANGED else 1.0))]
+        (scene, condition, start, min(AT_ONCE, count - start), asked.presets, source, asked.out)
+        for scene, condition in itertools.product(asked.only or SCENES, asked.conditions)
+        for count in [round(asked.rooms * (UNCHANGED_SHARE if scene == UNCHANGED else 1.0))]
         for start in range(0, count, AT_ONCE)
     ]
     with worker_pool() as pool:
         for line in pool.map(_part, parts):
             print(line, flush=True)
-    print(table(out))
+    print(table(asked.out))
 
 
 def _part(task: tuple) -> str:
@@ -196,15 +200,15 @@ def _risk(elements: list[list[Any]]) -> list[str]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--rooms", type=int, default=200, metavar="N")
-    parser.add_argument("--only", nargs="+", choices=SCENES, default=[], metavar="SCENE")
-    parser.add_argument("--presets", nargs="+", choices=HOW, default=list(HOW), help="'default' must be among them")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_out()
+    parser.add_argument("--rooms", type=int, metavar="N")
+    parser.add_argument("--only", nargs="+", choices=SCENES, metavar="SCENE")
+    parser.add_argument("--presets", nargs="+", choices=HOW, help="'default' must be among them")
     parser.add_argument("--model", type=Path, default=DEFAULT, metavar="RUN|FILE")
     parser.add_argument("--seed", type=int, default=TEST_SEED, metavar="N")
     parser.add_argument("--kind", choices=sorted(PRESETS), default="varied", help="of rooms")
     asked = parser.parse_args()
     if "default" not in asked.presets:
         parser.error("--presets: 'default' must be among them, for its verdicts")
-    main(asked.out, asked.rooms, asked.only, asked.presets, (asked.model, asked.seed, asked.kind))
+    main(asked)

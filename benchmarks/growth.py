@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks.command_line import CommandLine
 from benchmarks.rays import rays_of, rooms_and_poses
 from benchmarks.timing import Timing, measure_in_turns, write_report
 from jaxmm.config import Config, Table
@@ -30,9 +31,12 @@ from warp_scanner.sensors.poses import Pose
 from warp_scanner.sensors.scan import cast_rays
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
 
-PRIMITIVES = (10, 30, 100, 300, 1000)  # in a room
-ROOMS = (1, 4, 16, 64, 256, 1024, 4096)  # in a launch
-RUNS = (100, 1_000, 10_000, 100_000)  # pairs
+# Primitives in a room, rooms in a launch, those drawn for it, those in a launch whose memory is told, pairs in a run.
+FULL = {
+    "primitives": (10, 30, 100, 300, 1000), "rooms": (1, 4, 16, 64, 256, 1024, 4096), "drawn": 64,
+    "held": (16, 64, 256, 1024, 4096), "runs": (100, 1_000, 10_000, 100_000), "most_pairs": 1_000, "repeat": 5,
+}  # fmt: skip
+SMOKE = {"primitives": (10,), "rooms": (1, 4), "drawn": 2, "held": (16,), "runs": (4,), "repeat": 1}
 MOST_GENERAL_ROOMS = 256  # more takes the general kernel minutes, at the same speed
 
 
@@ -162,7 +166,7 @@ def draw(found: dict[str, list[dict]]) -> Figure:
     return figure
 
 
-def measure(repeat: int, most_pairs: int) -> dict[str, list[dict]]:
+def measure(sizes: argparse.Namespace) -> dict[str, list[dict]]:
     """Rows of the four panels."""
     rows: dict[str, list[dict]] = {"primitives": [], "rooms": [], "memory": [], "runs": []}
 
@@ -175,21 +179,21 @@ def measure(repeat: int, most_pairs: int) -> dict[str, list[dict]]:
         )
         print(f"{case:32} ours {ours:9.2f}  {peer_name} {'-' if peer is None else f'{peer:9.2f}'} {unit}")
 
-    for count in PRIMITIVES:
-        found = speeds(crowded_rooms(32, count), repeat)
+    for count in sizes.primitives:
+        found = speeds(crowded_rooms(32, count), sizes.repeat)
         add("primitives", f"{count} primitives, 32 rooms", found, "Mrays/s", primitives=count)
-    drawn = rooms_and_poses(64)
-    for count in ROOMS:
-        found = speeds(repeated(*drawn, count), repeat)
+    drawn = rooms_and_poses(sizes.drawn)
+    for count in sizes.rooms:
+        found = speeds(repeated(*drawn, count), sizes.repeat)
         add("rooms", f"{count} rooms of about 150", found, "Mrays/s", rooms=count)
     least = peak_memory(1)
     pixels = OAK_D_PRO_SMALL.width * OAK_D_PRO_SMALL.height
-    for count in ROOMS[2:]:
+    for count in sizes.held:
         held = count * (pixels * 9 + 150 * 34) / 2**20
         more = max(peak_memory(count) - least, 0.1)  # the first room's own allocations hide those of a few more
         add("memory", f"memory of {count} rooms", (round(more, 1), round(held, 1)), "MB", rooms=count)
     smallest = None
-    for count in (count for count in RUNS if count <= most_pairs):
+    for count in (count for count in sizes.runs if count <= sizes.most_pairs):
         writer, worker = (round(size, 1) for size in run_memory(count))
         smallest = smallest or worker
         add("runs", f"largest worker, {count} pairs", (worker, smallest), "MB", pairs=count, writer=writer)
@@ -197,11 +201,11 @@ def measure(repeat: int, most_pairs: int) -> dict[str, list[dict]]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_json()
     parser.add_argument("--figure", type=Path, help="also draw them (.png, .pdf or .svg)")
-    parser.add_argument("--repeat", type=int, default=5, help="casts after the first, of which the median is taken")
-    parser.add_argument("--most-pairs", type=int, default=1_000, help="in the longest run; 100000 takes ten minutes")
+    parser.add_argument("--repeat", type=int, help="casts after the first, of which the median is taken")
+    parser.add_argument("--most-pairs", type=int, help="in the longest run; 100000 takes ten minutes")
     parser.add_argument("--cast", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--generate", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -211,7 +215,7 @@ def main() -> int:
     if options.generate:
         generate_and_tell(options.generate)
         return 0
-    found = measure(options.repeat, options.most_pairs)
+    found = measure(options)
     if options.json:
         write_report(options.json, [row for rows in found.values() for row in rows], "warp-lang", "numpy")
     if options.figure:

@@ -8,7 +8,6 @@ the first format another one runs the whole command against the room's IFC file.
 and none outlives its turn. The exit code is 1 where anything took more than the limit.
 """
 
-import argparse
 import subprocess
 import sys
 import tempfile
@@ -16,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.command_line import CommandLine
 from benchmarks.scan_writers import FORMATS, Blocks
 from benchmarks.timing import write_report
 from warp_scanner.buildings.room_ifc import write_room
@@ -24,16 +24,18 @@ from warp_scanner.rooms.scenarios import Scenes, make_scenes
 from warp_scanner.scenes.scenes import GAP
 from warp_scanner.sensors.scan import Rays, cast_rays
 
+FULL = {"points": 50_000_000, "formats": list(FORMATS)}
+SMOKE = {"points": 20_000, "formats": ["e57", "laz"]}
 LIMIT = 8.0  # [GiB] of memory
 NOISE = 0.003  # [m] of the ranges
 SEED = 2  # of room and noise
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
-    parser.add_argument("--points", type=int, default=50_000_000, help="points of the scan")
-    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=list(FORMATS), help="which, in this order")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_json()
+    parser.add_argument("--points", type=int, help="points of the scan")
+    parser.add_argument("--formats", nargs="+", choices=FORMATS, help="which, in this order")
     parser.add_argument("--folder", type=Path, help="where the files are put while they are needed")
     options = parser.parse_args()
     scenes = make_scenes(PairConfig(scenario="pillar_added", condition="occluded").scene, SEED, np.array([0]))

@@ -8,7 +8,6 @@ loads, or compiles, kernels and networks; of later calls, in turns with the thes
 is taken. Prints Markdown.
 """
 
-import argparse
 import json
 import statistics
 from concurrent.futures import ProcessPoolExecutor
@@ -16,6 +15,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from benchmarks.command_line import CommandLine
 from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.runs.room_scans import RoomCase, room_cases
@@ -29,6 +29,8 @@ CHANGES = {"new": ("pillar_and_wall_added", 2), "gone": ("pillar_and_wall_remove
 SENSORS = tuple(
     f"{name}{built}" for name in ("oak-d-pro", "ouster-64", "velodyne-16", "tls") for built in ("", "-real")
 )
+FULL = {"sensors": SENSORS, "changes": tuple(CHANGES), "repeat": 5}
+SMOKE = {"sensors": ("velodyne-16-real",), "changes": ("new",), "repeat": 1}
 STAGES = ("settling", "registration", "evidence", "objects", "next views")
 
 
@@ -72,9 +74,9 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to this file")
-    parser.add_argument("--repeat", type=int, default=5, metavar="N", help="calls after the first, at least 1")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_json()
+    parser.add_argument("--repeat", type=int, metavar="N", help="calls after the first, at least 1")
     parser.add_argument("--model", type=Path, default=DEFAULT, metavar="RUN|FILE")
     asked = parser.parse_args()
     if asked.repeat < 1:
@@ -82,8 +84,8 @@ def main() -> None:
     with ProcessPoolExecutor(1, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
         rows = [
             pool.submit(row_of, sensor, change, asked.model, asked.repeat).result()
-            for change in CHANGES
-            for sensor in SENSORS
+            for change in asked.changes
+            for sensor in asked.sensors
         ]
     print(table(rows))
     if asked.json:

@@ -7,12 +7,12 @@ shows is asked to rank the changed points (ROC AUC, true labels); one that looks
 and of it is told how many of the unchanged points it takes for changed.
 """
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.accuracy import condition_config
+from benchmarks.command_line import CommandLine
 from jaxmm.config import SCENARIOS, Config
 from jaxmm.data import labelled_rooms
 from jaxmm.data.simulator_settings import CloudSource
@@ -24,6 +24,7 @@ from jaxmm.learning.train_step import Model
 from jaxmm.weights import DEFAULT
 
 METHOD = "evidence"
+FULL, SMOKE = {"rooms": 50}, {"rooms": 1}
 
 
 def main(model: Path, rooms: int, path: Path | None) -> None:
@@ -60,9 +61,9 @@ def _told(cell: dict) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = CommandLine(__doc__, FULL, SMOKE)
     parser.add_argument("--model", type=Path, default=DEFAULT, help="run folder or .safetensors file")
-    parser.add_argument("--rooms", type=int, default=50, help="test rooms a scenario")
+    parser.add_argument("--rooms", type=int, help="test rooms a scenario")
     parser.add_argument("--json", type=Path, help="also write the cells to this file")
     options = parser.parse_args()
     main(options.model, options.rooms, options.json)

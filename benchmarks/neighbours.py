@@ -8,21 +8,23 @@ searched by pairs on 2 threads. All sort their clouds while the clock runs. Exac
 float64. On a busy machine OpenMP's waiting threads cost pykdtree dearly: measure on a quiet one.
 """
 
-import argparse
 import os
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from benchmarks import peers
+from benchmarks.command_line import CommandLine
 from benchmarks.room_clouds import thinned_pairs
 from benchmarks.timing import measure_in_turns, write_report
 from warp_scanner.clouds.neighbours import nearest_both_ways
 
 THREADS = 2
 PEERS = {"pykdtree": "pykdtree, float32, OpenMP", "scipy": "scipy cKDTree, float64"}
+FULL = {"cases": ((256, (3_000, 15_000), 9), (256, (300, 3_000), 9))}  # pairs, points of a cloud, repeats
+SMOKE = {"cases": ((2, (3_000, 15_000), 1),)}
 
 
 def both_ways(tree, cloud: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -37,10 +39,8 @@ def difference(found: list, expected: list) -> float:
     )
 
 
-def rows_of(pair_count: int, sizes: tuple[int, int], repeat: int) -> list[dict]:
-    """One row per peer for a batch of pairs whose clouds have sizes[0] to sizes[1] points."""
-    from pykdtree.kdtree import KDTree
-
+def rows_of(pair_count: int, sizes: tuple[int, int], repeat: int, names: list[str]) -> list[dict]:
+    """One row per peer, of those named, for a batch of pairs whose clouds have sizes[0] to sizes[1] points."""
     pairs = thinned_pairs(pair_count, sizes)
     clouds, others = ([pair[side] for pair in pairs] for side in (0, 1))
 
@@ -48,6 +48,8 @@ def rows_of(pair_count: int, sizes: tuple[int, int], repeat: int) -> list[dict]:
         return [(there.distance, back.distance) for there, back in nearest_both_ways(clouds, others, THREADS)]
 
     def pykdtree():
+        from pykdtree.kdtree import KDTree
+
         return [both_ways(KDTree, cloud, other) for cloud, other in pairs]
 
     def scipy():
@@ -55,8 +57,9 @@ def rows_of(pair_count: int, sizes: tuple[int, int], repeat: int) -> list[dict]:
             return list(pool.map(lambda pair: both_ways(cKDTree, *pair), pairs))
 
     exact = [both_ways(cKDTree, cloud.astype(np.float64), other.astype(np.float64)) for cloud, other in pairs]
-    differences = [difference(answer(), exact) for answer in (ours, pykdtree, scipy)]
-    timings = measure_in_turns([ours, pykdtree, scipy], repeat)
+    contestants = [ours, *({"pykdtree": pykdtree, "scipy": scipy}[name] for name in names)]
+    differences = [difference(answer(), exact) for answer in contestants]
+    timings = measure_in_turns(contestants, repeat)
     each = [round(timing.median / len(pairs) * 1e3, 3) for timing in timings]
     size = [len(cloud) for pair in pairs for cloud in pair]
     return [
@@ -73,7 +76,7 @@ def rows_of(pair_count: int, sizes: tuple[int, int], repeat: int) -> list[dict]:
             "ours_difference_max_m": differences[0],
             "peer_difference_max_m": differences[place],
         }
-        for place, name in enumerate(PEERS, start=1)
+        for place, name in enumerate(names, start=1)
     ]
 
 
@@ -84,31 +87,27 @@ def first_call() -> float:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_json()
     options = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", str(THREADS))  # pykdtree's; read when it is first imported
-    try:
-        import pykdtree.kdtree  # noqa: F401
-    except ImportError:
-        print(
-            "benchmarks.neighbours needs pykdtree to compare with, and it is not installed: run `make setup-peers`",
-            file=sys.stderr,
-        )
-        return 2
+    names = [name for name in PEERS if name == "scipy" or peers.has("pykdtree.kdtree")]
     start = first_call()
     print(f"first search of this process, kernels fetched or compiled: {start:.2f} s")
     rows = []
-    for pair_count, sizes, repeat in ((256, (3_000, 15_000), 9), (256, (300, 3_000), 9)):
-        for row in rows_of(pair_count, sizes, repeat):
+    for pair_count, sizes, repeat in options.cases:
+        for row in rows_of(pair_count, sizes, repeat, names):
             rows.append(row)
             print(
                 f"{row['case']:34} ours {row['ours']:6.3f}  {row['peer_name']:26} {row['peer']:6.3f} {row['unit']}"
                 f"  ratio {row['ratio']:5.2f}"
             )
+        theirs = [f"{one['peer_name']} by {one['peer_difference_max_m']:.1e} m" for one in rows[-len(names) : -1]]
         print(
             f"    {row['points_mean']} points a cloud; ours differs from scipy in float64 by at most"
-            f" {row['ours_difference_max_m']:.1e} m, pykdtree by {rows[-2]['peer_difference_max_m']:.1e} m"
+            f" {row['ours_difference_max_m']:.1e} m",
+            *theirs,
+            sep=", ",
         )
     if options.json:
         write_report(options.json, rows, "pykdtree", "scipy", "warp-lang", "numpy", kernel_first_call_s=start)

@@ -11,7 +11,6 @@ An object counts from an observable fraction of 0.2 on. A box is right when it m
 of it shows, by the rule of jaxmm/learning/box_match.py; all others are wrong, those around what hardly shows too.
 """
 
-import argparse
 import hashlib
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ import numpy as np
 
 from benchmarks.accuracy import CONDITIONS as CASES
 from benchmarks.accuracy import condition_config
+from benchmarks.command_line import CommandLine
 from jaxmm import run_folder
 from jaxmm.config import CONDITIONS, SCENES, UNCHANGED, Config
 from jaxmm.data.labelled_rooms import clouds_of, pairs_of
@@ -46,6 +46,7 @@ from warp_scanner.rooms.pairs import Pairs
 from warp_scanner.scenes.scenes import WALL
 from warp_scanner.sensors.poses import rotation_of
 
+FULL, SMOKE = {"rooms": 200, "only": []}, {"rooms": 1, "only": ["pillar_added"]}
 OBSERVABLE = 0.2
 AT_ONCE = 16  # rooms, bounds the memory
 PRESETS = ("default", "thesis")
@@ -245,11 +246,11 @@ def main(model: Path, out: Path, rooms: int, case: str, only: list[str]) -> None
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, help="folder of the rows")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_out(about="folder of the rows")
     parser.add_argument("--model", type=Path, default=DEFAULT, help="run folder or .safetensors file")
-    parser.add_argument("--rooms", type=int, default=200, help="test rooms a row")
+    parser.add_argument("--rooms", type=int, help="test rooms a row")
     parser.add_argument("--case", choices=CASES, default="unfiltered", help="a condition of benchmarks/accuracy.py")
-    parser.add_argument("--only", nargs="+", choices=SCENES, default=[], help="some scenes only")
+    parser.add_argument("--only", nargs="+", choices=SCENES, help="some scenes only")
     options = parser.parse_args()
     main(options.model, options.out, options.rooms, options.case, options.only)

@@ -30,6 +30,7 @@ from warp_scanner.sensors.sensors import Pinhole, sensor_named
 from warp_scanner.sensors.triangles import cast_triangles, prepare
 
 SENSORS = ("oak-d-pro-small", "oak-d-pro-small-real", "ouster-64", "ouster-64-real")
+FULL, SMOKE = {"views": 12, "sensors": SENSORS}, {"views": 1, "sensors": ("oak-d-pro-small", "ouster-64-real")}
 GONE, LEAST_RAYS = 0.6, 0.01  # share of views in which something is gone; share of the rays that would meet it
 AWAY, HEIGHT = (2.0, 8.0), 1.6  # [m] outside of the circle around the building, above its lowest storey
 OFF = 0.1  # [m]
@@ -154,6 +155,6 @@ def table(out: Path, seed: int) -> str:
 
 
 if __name__ == "__main__":
-    asked = asked_for(__doc__, views=12)
-    tell_views(_view, SENSORS, asked)
+    asked = asked_for(__doc__, FULL, SMOKE)
+    tell_views(_view, asked)
     print(table(asked.out, asked.seed))

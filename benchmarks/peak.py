@@ -2,6 +2,7 @@
 
     python -m benchmarks.peak read scan.ply
     python -m benchmarks.peak detect room.ifc scan.ply --pose 1,2,1.3,0 --out found
+    python -m benchmarks.peak --smoke        reads a cloud of a few points
 
 It imports what the command line imports, and nothing else, so the peak is that of `jaxmm` itself. getrusage would begin
 with what the process held that started this one.
@@ -10,9 +11,12 @@ with what the process held that started this one.
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 
 def main() -> int:
+    if sys.argv[1:] == ["--smoke"]:
+        return smoke()
     start = time.perf_counter()
     job, *arguments = sys.argv[1:]
     code, count = {"read": read, "detect": detect}[job](arguments)
@@ -20,6 +24,15 @@ def main() -> int:
     peak = status.partition("VmHWM:")[2].split()[0]
     print(peak, time.perf_counter() - start, time.process_time(), count)
     return code
+
+
+def smoke() -> int:
+    """The same with a file of its own."""
+    with TemporaryDirectory() as folder:
+        scan = Path(folder) / "scan.xyz"
+        scan.write_text("".join(f"{x} {y} 0.0\n" for x in range(10) for y in range(10)), encoding="ascii")
+        sys.argv[1:] = ["read", str(scan)]
+        return main()
 
 
 def read(arguments: list[str]) -> tuple[int, int]:

@@ -37,6 +37,7 @@ from warp_scanner.sensors.sensors import sensor_named
 from warp_scanner.sensors.triangles import cast_triangles
 
 SENSORS = ("oak-d-pro-small", "ouster-64")
+FULL, SMOKE = {"views": 6, "sensors": SENSORS}, {"views": 1}
 MISSING = 0.5  # share of the walls and columns that do not stand
 SAME = 1e-3  # [m] within which a ray ends on an element
 LOOKS = ("one look", "all looks")
@@ -106,6 +107,6 @@ def table(out: Path, seed: int) -> str:
 
 
 if __name__ == "__main__":
-    asked = asked_for(__doc__, views=6)
-    tell_views(_view, SENSORS, asked)
+    asked = asked_for(__doc__, FULL, SMOKE)
+    tell_views(_view, asked)
     print(table(asked.out, asked.seed))

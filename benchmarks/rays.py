@@ -8,12 +8,12 @@ the rooms as triangles, cylinders with 64 sides; its scenes are built and its ra
 before the clock starts, and what it costs to turn its triangle ids into elements is not counted either.
 """
 
-import argparse
 import sys
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks import peers
+from benchmarks.command_line import CommandLine
 from benchmarks.timing import Timing, measure_in_turns, write_report
 from warp_scanner import draws
 from warp_scanner.rooms.rooms import RoomConfig, make_rooms
@@ -25,6 +25,8 @@ from warp_scanner.sensors.scan import Rays, cast_rays, cast_slots
 from warp_scanner.sensors.sensors import OAK_D_PRO, OAK_D_PRO_SMALL, Pinhole
 
 PRIMITIVES = (130, 170)  # rooms of about 150 primitives
+FULL = {"cases": ((OAK_D_PRO_SMALL, 32, 15), (OAK_D_PRO, 8, 9))}  # sensor, rooms, repeats
+SMOKE = {"cases": ((OAK_D_PRO_SMALL, 2, 1),)}
 
 
 class Embree:
@@ -141,21 +143,13 @@ def first_call() -> float:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_json()
     options = parser.parse_args()
-    try:
-        import open3d  # noqa: F401
-    except ImportError:
-        print(
-            "benchmarks.rays needs open3d to compare with, and it is not installed: run `make setup-peers`",
-            file=sys.stderr,
-        )
-        return 2
     start = first_call()
     print(f"first casts of this process, kernels fetched or compiled: {start:.2f} s")
     rows = []
-    for sensor, rooms, repeat in ((OAK_D_PRO_SMALL, 32, 15), (OAK_D_PRO, 8, 9)):
+    for sensor, rooms, repeat in options.cases if peers.has("open3d") else ():
         for row in rows_of(sensor, rooms, repeat):
             rows.append(row)
             print(

@@ -7,12 +7,12 @@ of the camera that the thesis used. Prints, for each pair, the objects of the sc
 off they are, and every other mismatch, which is false; or why the pair is refused.
 """
 
-import argparse
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.command_line import CommandLine, end_without
 from benchmarks.timing import write_report
 from jaxmm import detect
 from jaxmm.commands.detect_files import Reading
@@ -25,12 +25,13 @@ from jaxmm.verdicts.results import Detection, box_of
 from warp_scanner.sensors.sensors import Pinhole
 
 CAMERA = Pinhole(width=320, height=240, horizontal_fov=80.0, vertical_fov=60.0)
+FULL, SMOKE = {"pairs": None}, {"pairs": 1}  # at most so many
 APART = 0.5  # [m] between the points of two objects
 
 
-def run(root: Path, rooms: str) -> list[dict[str, Any]]:
-    """One row for each pair."""
-    return [row_of(pair) for pair in find_pairs(root, rooms)]
+def run(root: Path, rooms: str, most: int | None) -> list[dict[str, Any]]:
+    """One row for each pair, of the first ones where there is a limit."""
+    return [row_of(pair) for pair in find_pairs(root, rooms)[:most]]
 
 
 def row_of(pair: ThesisPair) -> dict[str, Any]:
@@ -118,12 +119,17 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("root", type=Path, metavar="ROOT")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_input("root")
     parser.add_argument("--rooms", choices=("test", "train"), default="test")
-    parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_json()
     asked = parser.parse_args()
-    result = run(asked.root, asked.rooms)
+    if asked.root is None:
+        end_without("benchmarks.released needs ROOT, the thesis's repository, which is no part of this project")
+    try:
+        result = run(asked.root, asked.rooms, asked.pairs)
+    except InputError as error:
+        end_without(str(error))
     print(table(result))
     if asked.json:
         write_report(asked.json, result)

@@ -15,19 +15,18 @@ its own. Scored are elements that reality shows to be there or gone, in rooms wi
 beside them how many of those that nobody can see it calls removed. Needs py4dgeo (make setup-peers).
 """
 
-import argparse
 import logging
-from contextlib import chdir
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from argparse import Namespace
 from typing import Any
 
 import numpy as np
 from sklearn.metrics import roc_auc_score
 
+from benchmarks import peers
+from benchmarks.command_line import CommandLine
 from benchmarks.detections import elements_of
 from jaxmm.files import write_json
-from jaxmm.learning.prediction import read_judges
+from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.learning.preprocess import nearest_distance
 from jaxmm.rays.pools import normals_of
 from jaxmm.rays.scan_rays import rays_of_scan
@@ -43,61 +42,67 @@ COVERED = 0.1  # [m]
 CYLINDER, DEPTH = 0.2, 1.0  # [m] radius and half length of M3C2's cylinders
 FARTHEST = 2.0  # [m] distance of what has no counterpart
 RIVALS = ("cloud to mesh", "coverage", "M3C2")
+# Rooms of each removed object, and of validation at least.
+FULL = {"rooms": 100, "least": 20, "conditions": ("clean", "occluded")}
+SMOKE = {"rooms": 1, "least": 1, "conditions": ("occluded",)}
 SCENES = ("wall_removed", "pillar_removed")
 
 
-def main(out: Path, rooms: int) -> None:
+def main(asked: Namespace) -> None:
     judges = read_judges(DEFAULT)
+    rivals = [name for name in RIVALS if name != "M3C2" or peers.has("py4dgeo")]
     lines = ["| condition | method | elements | precision | recall | ROC AUC | unseen called removed |"]
     lines.append("| --- | --- | --- | --- | --- | --- | --- |")
     kept: dict[str, Any] = {}
-    for condition in ("clean", "occluded"):
-        chosen = _scored(condition, VALIDATION_SEED, max(20, rooms // 2), judges)
-        tested = _scored(condition, TEST_SEED, rooms, judges)
+    for condition in asked.conditions:
+        chosen = _scored(condition, VALIDATION_SEED, max(asked.least, asked.rooms // 2), (judges, rivals))
+        tested = _scored(condition, TEST_SEED, asked.rooms, (judges, rivals))
         kept[condition] = tested
-        for name in (*RIVALS, "detect"):
+        for name in (*rivals, "detect"):
             threshold = 0.5 if name == "detect" else _best_threshold(chosen, name)
             lines.append(_line(condition, name, tested, threshold))
-    write_json(out, kept)
+    write_json(asked.out, kept)
     print("\n".join(lines))
 
 
-def _scored(condition: str, seed: int, rooms: int, judges) -> list[dict[str, Any]]:
-    """Truth and every method's score of each wall and column."""
+def _scored(condition: str, seed: int, rooms: int, by: tuple[Judges, list[str]]) -> list[dict[str, Any]]:
+    """Truth and the score of each wall and column by every rival that is named, and by `detect`."""
+    judges, rivals = by
     settings, told = DetectSettings(refine=False, propose_views=False), []
     for scene in SCENES:
         for start in range(0, rooms, 20):
             for case in room_cases(scene, condition, seed, range(start, min(start + 20, rooms))):
                 scan = NamedScan(case.scan, "scan", len(case.scan.points), "given")
                 found = detect_scans(case.prior, [scan], judges, settings)
-                scores = _rivals(case)
+                scores = _rivals(case, rivals)
                 for (truth, verdict, probability), guid in elements_of(found, case):
                     row = case.prior.building.elements.guid.index(guid)
                     mine = probability if verdict in (PRESENT, REMOVED) else 0.0
-                    told.append({"truth": truth, "detect": mine} | {name: float(scores[name][row]) for name in RIVALS})
+                    told.append({"truth": truth, "detect": mine} | {name: float(scores[name][row]) for name in rivals})
     return told
 
 
-def _rivals(case: RoomCase) -> dict[str, np.ndarray]:
+def _rivals(case: RoomCase, names: list[str]) -> dict[str, np.ndarray]:
     """Scores (E,), the higher the likelier gone; 0 of an element without points in view."""
     seen = sight(case.prior, rays_of_scan(case.scan)).prior
     points, scan = seen.points.astype(np.float64), np.asarray(case.scan.points, np.float64)
     apart = np.minimum(nearest_distance(points, scan), FARTHEST)
-    along = _m3c2(points, scan)
+    along = _m3c2(points, scan) if "M3C2" in names else None
     count = len(case.ids)
-    scores = {name: np.zeros(count) for name in RIVALS}
+    scores = {name: np.zeros(count) for name in names}
     for row in np.unique(seen.element):
         own = seen.element == row
         scores["cloud to mesh"][row] = np.median(apart[own])
         scores["coverage"][row] = np.mean(apart[own] > COVERED)
-        scores["M3C2"][row] = np.median(along[own])
+        if along is not None:
+            scores["M3C2"][row] = np.median(along[own])
     return scores
 
 
 def _m3c2(points: np.ndarray, scan: np.ndarray) -> np.ndarray:
     """Absolute M3C2 distances (N,) [m] of the points to the scan."""
-    with TemporaryDirectory() as folder, chdir(folder):  # it begins a log where it is imported, and later writes there
-        import py4dgeo
+    import py4dgeo  # first by peers.has, where it began a log that is gone
+
     logging.getLogger("py4dgeo").handlers.clear()
     py4dgeo.set_num_threads(1)
     before, after = py4dgeo.Epoch(points), py4dgeo.Epoch(scan)
@@ -135,8 +140,8 @@ def _line(condition: str, name: str, told: list[dict[str, Any]], threshold: floa
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE.json")
-    parser.add_argument("--rooms", type=int, default=100, metavar="N", help="of each removed object")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_out("FILE.json")
+    parser.add_argument("--rooms", type=int, metavar="N", help="of each removed object")
     asked = parser.parse_args()
-    main(asked.out, asked.rooms)
+    main(asked)

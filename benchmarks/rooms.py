@@ -4,17 +4,18 @@ Both make the same rooms to the bit, which is checked. The peer is a plain loop 
 so that a round takes seconds.
 """
 
-import argparse
 import sys
-from pathlib import Path
+from argparse import Namespace
 
 import numpy as np
 
+from benchmarks.command_line import CommandLine
 from benchmarks.timing import measure_in_turns, write_report
 from warp_scanner.rooms.rooms import PRESETS, RoomConfig, make_rooms
 from warp_scanner.scenes.scenes import GAP, Primitives, take
 
-ROOMS, PEER_ROOMS = 4096, 128
+FULL = {"rooms": 4096, "peer_rooms": 128, "checked": 16, "repeat": 7}
+SMOKE = {"rooms": 8, "peer_rooms": 2, "checked": 2, "repeat": 1}
 
 
 def one_at_a_time(config: RoomConfig, count: int) -> list[Primitives]:
@@ -22,23 +23,23 @@ def one_at_a_time(config: RoomConfig, count: int) -> list[Primitives]:
     return [make_rooms(config, 0, np.array([index]), threads=1) for index in range(count)]
 
 
-def rows_of(name: str, repeat: int) -> list[dict]:
+def rows_of(name: str, sizes: Namespace) -> list[dict]:
     """One row per thread count."""
     config = PRESETS[name]
-    rooms = make_rooms(config, 0, np.arange(ROOMS))
-    for index, room in enumerate(one_at_a_time(config, 16)):
+    rooms = make_rooms(config, 0, np.arange(sizes.rooms))
+    for index, room in enumerate(one_at_a_time(config, sizes.checked)):
         for ours, theirs in zip(take(rooms, [index]), room, strict=True):
             np.testing.assert_array_equal(ours, theirs)
     rows = []
     for threads in (1, 2):
         ours, theirs = measure_in_turns(
             [
-                lambda n=threads: make_rooms(config, 0, np.arange(ROOMS), threads=n),
-                lambda: one_at_a_time(config, PEER_ROOMS),
+                lambda n=threads: make_rooms(config, 0, np.arange(sizes.rooms), threads=n),
+                lambda: one_at_a_time(config, sizes.peer_rooms),
             ],
-            repeat,
+            sizes.repeat,
         )
-        mine, peer = 1e3 * ours.median / ROOMS, 1e3 * theirs.median / PEER_ROOMS
+        mine, peer = 1e3 * ours.median / sizes.rooms, 1e3 * theirs.median / sizes.peer_rooms
         rows.append(
             {
                 "case": f"{name}, {threads} thread{'s' * (threads > 1)}",
@@ -48,7 +49,7 @@ def rows_of(name: str, repeat: int) -> list[dict]:
                 "unit": "ms a room",
                 "ratio": round(peer / mine, 2),
                 "ours_first_call_s": round(ours.first, 3),
-                "rooms": ROOMS,
+                "rooms": sizes.rooms,
                 "primitives": float(np.mean(np.sum(rooms.kind != GAP, axis=1))),
             }
         )
@@ -56,12 +57,12 @@ def rows_of(name: str, repeat: int) -> list[dict]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_json()
     options = parser.parse_args()
     rows = []
     for name in PRESETS:
-        for row in rows_of(name, repeat=7):
+        for row in rows_of(name, options):
             rows.append(row)
             print(
                 f"{row['case']:20} {row['ours']:.3f} {row['unit']} of {row['primitives']:.0f} primitives,"

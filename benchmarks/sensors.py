@@ -8,11 +8,12 @@ room; what is there is not made again. Prints Markdown: precision and recall of 
 them, and verdicts on walls and columns that could be told.
 """
 
-import argparse
 import itertools
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
+from benchmarks.command_line import CommandLine
 from benchmarks.detection_scores import LEAST_SHOWN, objects_of, share_of
 from benchmarks.detections import TEST_SEED, elements_of
 from jaxmm.config import SCENARIOS, UNCHANGED
@@ -28,16 +29,19 @@ from warp_scanner.cores import worker_pool
 SENSORS = ("oak-d-pro-small", "ouster-64", "velodyne-16", "tls")
 # Of sensors, by the end of their names: how ranges are taken, and whether they settle. Exact ones never do.
 WAYS = {"": {"exact": True}, "-real": {"settled": True, "as they are": False}}
+FULL = {"rooms": 25, "only": [], "scenes": (*SCENARIOS, UNCHANGED)}
+SMOKE = {"rooms": 1, "only": ["oak-d-pro-small"], "scenes": ("wall_added",)}
 AT_ONCE = 10  # rooms: a scan of a terrestrial scanner has 1.6 million points
 
 
-def main(out: Path, rooms: int, only: list[str], seed: int) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    tasks = list(itertools.product(only or SENSORS, WAYS, (*SCENARIOS, UNCHANGED), [rooms], [seed], [out]))
+def main(asked: Namespace) -> None:
+    asked.out.mkdir(parents=True, exist_ok=True)
+    same = [asked.rooms], [asked.seed], [asked.out]
+    tasks = list(itertools.product(asked.only or SENSORS, WAYS, asked.scenes, *same))
     with worker_pool() as pool:
         for line in pool.map(_part, tasks):
             print(line, flush=True)
-    print(table(out, rooms, seed))
+    print(table(asked.out, asked.rooms, asked.seed))
 
 
 def _path(out: Path, sensor: str, scene: str, rooms: int, seed: int) -> Path:
@@ -114,10 +118,10 @@ def _share(those: list[bool]) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--rooms", type=int, default=25, metavar="N", help="of each scene")
-    parser.add_argument("--only", nargs="+", choices=SENSORS, default=[], metavar="SENSOR")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_out()
+    parser.add_argument("--rooms", type=int, metavar="N", help="of each scene")
+    parser.add_argument("--only", nargs="+", choices=SENSORS, metavar="SENSOR")
     parser.add_argument("--seed", type=int, default=TEST_SEED, metavar="N")
     asked = parser.parse_args()
-    main(asked.out, asked.rooms, asked.only, asked.seed)
+    main(asked)

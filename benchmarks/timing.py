@@ -47,8 +47,16 @@ def machine(*packages: str) -> dict[str, Any]:
         "processor": names[0] if names else platform.processor(),
         "cores": core_count(),
         "python": platform.python_version(),
-        "packages": {name: metadata.version(name) for name in packages},
+        "packages": {name: _version(name) for name in packages},
     }
+
+
+def _version(package: str) -> str | None:
+    """None of a peer that is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
 
 
 def write_report(path: Path, rows: list[dict[str, Any]], *packages: str, **more: Any) -> None:

@@ -8,13 +8,14 @@ is the grid of the OAK-D Pro, `sphere` a scanner that turns all the way round, `
 and origins, which no sensor casts and which share nothing.
 """
 
-import argparse
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks import peers
+from benchmarks.command_line import CommandLine
 from benchmarks.rays import rooms_and_poses
 from benchmarks.timing import measure_in_turns, write_report
 from warp_scanner import draws
@@ -29,15 +30,16 @@ from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
 from warp_scanner.sensors.triangles import TriangleScene, cast_triangles, prepare
 
 VIEWS = 8
+FULL, SMOKE = {"repeat": 9}, {"repeat": 1}
 
 
 def room_triangles() -> tuple[Triangles, np.ndarray]:
     """One generated room, and eight times its one free position."""
-    primitives, rays = rooms_and_poses(1, OAK_D_PRO_SMALL)
+    primitives, pose = rooms_and_poses(1)
     vertices, faces, slot = scene_mesh(primitives, 0)
     slots, element = np.unique(slot, return_inverse=True)
     parts = vertices.astype(np.float32), faces.astype(np.int32), element.astype(np.int32)
-    return Triangles(*parts, primitives.semantic[0, slots]), np.repeat(rays.origin, VIEWS, axis=0)
+    return Triangles(*parts, primitives.semantic[0, slots]), np.repeat(pose.position, VIEWS, axis=0)
 
 
 def building_triangles(path: Path) -> tuple[Triangles, np.ndarray]:
@@ -121,23 +123,19 @@ def rows_of(name: str, scene: TriangleScene, position: np.ndarray, repeat: int) 
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = CommandLine(__doc__, FULL, SMOKE)
     parser.add_argument("--scene", type=Path, nargs="+", default=[], help="IFC or mesh files")
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser.add_json()
     options = parser.parse_args()
-    try:
-        import open3d  # noqa: F401
-    except ImportError:
-        print("benchmarks.triangles needs open3d to compare with: run `make setup-peers`", file=sys.stderr)
-        return 2
+    compared = peers.has("open3d")
     scenes = {"generated room": room_triangles()} | {path.stem: building_triangles(path) for path in options.scene}
-    rows = []
+    rows: list[dict] = []
     for name, (triangles, position) in scenes.items():
         prepare(triangles)  # fetches or compiles the kernels
         start = time.perf_counter()
         scene = prepare(triangles)
         print(f"{name}: {len(triangles.faces)} triangles, tree in {1e3 * (time.perf_counter() - start):.1f} ms")
-        for row in rows_of(name, scene, position, repeat=9):
+        for row in rows_of(name, scene, position, options.repeat) if compared else ():
             rows.append(row)
             print(
                 f"  {row['case']:50} ours {row['ours']:6.2f}  Open3D {row['peer']:6.2f} {row['unit']}"

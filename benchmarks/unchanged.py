@@ -5,23 +5,29 @@
 
 Every build is run as a command, from its own checkout: `jaxmm reproduce` of the demo, `jaxmm generate` of 256 pairs,
 `jaxmm scan` into every format, `jaxmm detect` on the buildings and scans of JAXMM_DATA, and `jaxmm revert`. What is
-kept is a sha256 of each file, for report.json without its timing. Differences are listed, and end in exit code 1.
+kept is a sha256 of each file, without what must differ: timing, and the time of writing. Differences are listed, and
+end in exit code 1.
 """
 
-import argparse
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
+from argparse import Namespace
 from pathlib import Path
 
+from benchmarks.building_views import made_building
+from benchmarks.command_line import CommandLine, end_without
+from benchmarks.rays import rooms_and_poses
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
 
-PAIRS = 256
 POSE = "0,0,1.5,0"
+# When an element of an IFC file was marked, as a date and as seconds.
+WRITTEN = re.compile(rb"\d{4}-\d\d-\d\dT[\d:]{8}[+-]\d\d:\d\d|(?<=ADDED\.,\$,\$,\$,)\d+")
 # Building, pose, sensor, file of the scan: views that `jaxmm scan` makes, one of every format that it writes.
 VIEWS = (
     ("IfcOpenHouse_IFC4", "2.938,2.026,1,-170.9", "oak-d-pro", "openhouse.ply"),
@@ -51,6 +57,8 @@ DETECTIONS = (
     ("{data}/real/mobile/indoor.laz", "{data}/real/mobile/indoor.laz", "--pose", "0,0,1,0"),
     ("{data}/ifc/duplex_A.ifc", "{data}/formats/ptx/no-color.ptx", "--pose", POSE),
 )  # fmt: skip
+FULL = {"views": VIEWS, "detections": DETECTIONS, "pairs": 256, "run": "demo.toml"}
+SMOKE = {"views": (), "detections": (), "pairs": 2, "run": None}  # and the view of a building that it makes itself
 
 
 class Build:
@@ -82,8 +90,10 @@ class Build:
 
 
 def digest(path: Path) -> str:
-    """sha256 of a file; of report.json without how long things took, of a table of a run without its circumstances."""
+    """sha256 of a file, without how long things took, when it was written, and under which circumstances."""
     content = path.read_bytes()
+    if path.name == "updated.ifc":
+        content = WRITTEN.sub(b"", content)
     if path.suffix == ".json":
         value = load_json(path)
         if isinstance(value, dict):
@@ -92,10 +102,18 @@ def digest(path: Path) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def results(build: Build) -> dict[str, str]:
+def made_view(data: Path) -> tuple[tuple[str, str, str, str], ...]:
+    """A building below a folder of data, and a view of it, as VIEWS has them."""
+    made_building(data / "ifc")
+    _, pose = rooms_and_poses(1)
+    place = ",".join(f"{value:.3f}" for value in (*pose.position[0], pose.yaw[0]))
+    return (("room", place, "oak-d-pro-small", "room.ply"),)
+
+
+def results(build: Build, sizes: Namespace) -> dict[str, str]:
     """Everything that is compared, by name."""
     found = {}
-    for number, (name, pose, sensor, file) in enumerate(VIEWS):
+    for number, (name, pose, sensor, file) in enumerate(sizes.views):
         model = f"{{data}}/ifc/{name}.ifc"
         found[f"scan {file}: says"] = build.run(
             "scan", model, f"--pose={pose}", "--sensor", sensor, "--out", f"{{out}}/{file}"
@@ -103,15 +121,16 @@ def results(build: Build) -> dict[str, str]:
         given = () if file.endswith(("e57", "pcd", "npz")) else (f"--pose={pose}",)
         found |= detected(build, f"view_{number}", (model, f"{{out}}/{file}", "--sensor", sensor, *given))
     found |= build.files("", "*.ply", "*.pcd", "*.csv")  # E57 holds a time, NPZ is a zip file with dates
-    for number, words in enumerate(DETECTIONS):
+    for number, words in enumerate(sizes.detections):
         found |= detected(build, f"case_{number}", words)
     found["revert: says"] = build.run("revert", "{out}/view_0/updated.ifc", "--out", "{out}/reverted.ifc")
     found |= build.files("", "reverted.ifc")
     found["generate: says"] = build.run(
-        "generate", build.tree / "configs" / "generate.toml", "--count", PAIRS, "--out", "{out}/shards"
+        "generate", build.tree / "configs" / "generate.toml", "--count", sizes.pairs, "--out", "{out}/shards"
     )
     found |= build.files("shards/shards", "*")
-    found["reproduce: says"] = build.run("reproduce", build.tree / "configs" / "demo.toml", "--out", "{out}/demo")
+    if sizes.run:
+        found["reproduce: says"] = build.run("reproduce", build.tree / "configs" / sizes.run, "--out", "{out}/demo")
     return found | build.files("demo", "table_1.*", "sentences.json", "models.safetensors", "reliability.json")
 
 
@@ -119,19 +138,24 @@ def detected(build: Build, name: str, words: tuple[str, ...]) -> dict[str, str]:
     """What one detection says, and what is in its folder."""
     said = build.run("detect", *words, "--out", f"{{out}}/{name}")
     print(f"{name}: {said.splitlines()[-2] if said.count(chr(10)) > 2 else said.splitlines()[-1]}", flush=True)
-    kept = build.files(name, "report.json", "*.csv", "*.ply", "*.png", "sentences.txt", "updated.ifc", "undo.json")
+    kept = build.files(name, "report.json", "*.csv", "*.ply", "*.png", "sentences.txt", "updated.ifc")
     return {f"{name}: says": said} | kept
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = CommandLine(__doc__, FULL, SMOKE)
     parser.add_argument("--tree", type=Path, default=Path(), metavar="DIR", help="checkout to run, default this one")
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("JAXMM_DATA") or "../shared/data"))
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep what was found")
     parser.add_argument("--against", type=Path, metavar="FILE", help="what another build found")
     asked = parser.parse_args()
+    if asked.smoke:
+        asked.data = parser.scratch / "data"
+        asked.views = made_view(asked.data)
+    if not asked.data.is_dir():
+        end_without(f"{asked.data}: expected the folder of buildings and scans that JAXMM_DATA names, found no folder")
     with tempfile.TemporaryDirectory() as work:
-        found = results(Build(asked.tree, Path(work), asked.data.resolve()))
+        found = results(Build(asked.tree, Path(work), asked.data.resolve()), asked)
     if asked.json:
         write_json(asked.json, found)
     if not asked.against:

@@ -7,13 +7,13 @@ the clouds out over 2 threads, and so does a thread pool for Open3D. Open3D gets
 starts; ours takes the float32 arrays as they are. Exactness: how many choices are those of the reference in NumPy.
 """
 
-import argparse
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks import peers
+from benchmarks.command_line import CommandLine
 from benchmarks.room_clouds import VOXEL, scanned_pairs
 from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.learning.preprocess import voxel_downsample
@@ -21,6 +21,7 @@ from warp_scanner.clouds.voxels import thin_clouds
 
 THREADS = 2
 PEER = "Open3D voxel_down_sample (means)"
+FULL, SMOKE = {"pairs": 16, "repeat": 15}, {"pairs": 1, "repeat": 1}
 
 
 def rows_of(clouds: list[np.ndarray], repeat: int) -> list[dict]:
@@ -74,26 +75,20 @@ def first_call() -> float:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_json()
     options = parser.parse_args()
-    try:
-        import open3d  # noqa: F401
-    except ImportError:
-        print(
-            "benchmarks.voxels needs open3d to compare with, and it is not installed: run `make setup-peers`",
-            file=sys.stderr,
-        )
-        return 2
     start = first_call()
     print(f"first thinning of this process, kernels fetched or compiled: {start:.2f} s")
-    rows = rows_of([cloud for pair in scanned_pairs(0, 16) for cloud in pair], repeat=15)
+    clouds = [cloud for pair in scanned_pairs(0, options.pairs) for cloud in pair]
+    rows = rows_of(clouds, options.repeat) if peers.has("open3d") else []
     for row in rows:
         print(
             f"{row['case']:38} ours {row['ours']:6.3f}  Open3D {row['peer']:6.3f} {row['unit']}"
             f"  ratio {row['ratio']:5.2f}  {row['points_mean']} points to {row['voxels_mean']}"
         )
-    print(f"    the same points as the reference in {rows[0]['same_as_reference_share']:.2%} of the clouds")
+    for row in rows[:1]:
+        print(f"    the same points as the reference in {row['same_as_reference_share']:.2%} of the clouds")
     if options.json:
         write_report(options.json, rows, "open3d", "warp-lang", "numpy", kernel_first_call_s=start)
     return 0

@@ -17,6 +17,10 @@ class InputError(ValueError):
     """A file of the user's that cannot be used; the message is one line, and the command line exits with code 2."""
 
 
+class Misfit(InputError):
+    """A scan that is not of the prior's place, as it is said to lie."""
+
+
 def clipped(text: str) -> str:
     """What a user's file says, no longer than a line of an error bears."""
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}…"

@@ -35,7 +35,10 @@ SCAN_SENSORS = (
     "oak-d-pro (default), oak-d-pro-small, velodyne-16, ouster-64 or tls, ideal within its range; with -real behind "
     "the name it errs as such devices do; or a TOML file"
 )
-POSE = "metres in the frame of the building, z absolute; degrees, YAW counter-clockwise from +x, PITCH upwards"
+POSE = (
+    "metres in the frame of the building, z absolute; degrees, YAW counter-clockwise from +x, PITCH upwards, ROLL with "
+    "the right side down"
+)
 SCAN_FILES = (
     ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic) or .csv: the returns with the element of each; "
     ".npz: every ray, returned or not, and a table of the elements"
@@ -155,7 +158,7 @@ def _parser() -> argparse.ArgumentParser:
 
     command = _command(commands, "scan", _scan, "jaxmm scan house.ifc --pose 4,-3,1.5,90 --out scan.ply")
     command.add_argument("scene", type=Path, metavar="SCENE", help="building: .ifc, .obj, .ply, .glb, .gltf or .stl")
-    command.add_argument("--pose", required=True, metavar="X,Y,Z,YAW[,PITCH]", help=POSE)
+    command.add_argument("--pose", required=True, metavar="X,Y,Z,YAW[,PITCH[,ROLL]]", help=POSE)
     command.add_argument("--sensor", default="oak-d-pro", metavar="NAME|FILE", help=SCAN_SENSORS)
     command.add_argument("--seed", type=int, default=0, metavar="N", help="of the errors of a sensor that errs")
     command.add_argument("--out", type=Path, required=True, metavar="FILE", help=f"{SCAN_FILES}; replaces a file")

@@ -13,7 +13,7 @@ from jaxmm.files import check_empty, write_folder
 from jaxmm.formats.poses import GivenPose
 from jaxmm.formats.readers import PointScan, read_scans
 from jaxmm.ifc.update import write_update
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, Misfit
 from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
@@ -23,7 +23,7 @@ from jaxmm.reports.notebook import detection_html
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
 from jaxmm.verdicts.detection import NamedScan, detect_scans
-from jaxmm.verdicts.frames import OwnScan, fitting_prior, lay, own_scan
+from jaxmm.verdicts.frames import FRAMES, OwnScan, fitting_prior, frame_that_fits, lay, own_scan
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import Detection
 from jaxmm.verdicts.settings import DetectSettings
@@ -34,7 +34,6 @@ from warp_scanner.scenes.building import ReadOptions
 from warp_scanner.sensors.sensors import OAK_D_PRO, Pinhole, Sensor
 
 ESTIMATED_FROM = 0.1  # [m] voxels of the cloud that a viewpoint is estimated from
-FRAMES = ("world", "sensor")
 ESTIMABLE = (
     "only a camera's can be, here of one that sees {:g} x {:g} degrees (--sensor); no scanner's that looks around"
 )
@@ -49,12 +48,12 @@ class Reading:
 
     prior: ReadOptions = ReadOptions()
     unit: float | None = None  # [m] of the scans; None: told by how they lie on the prior
-    frame: str = "world"  # of the scans' points; "sensor": the pose takes them to the world, see `own_scan`
+    frame: str = "world"  # of the scans' points; "sensor", "optical": the pose takes them to the world, see `own_scan`
     sensor: Sensor | None = None  # None: any; its view is then what its points span
 
     def __post_init__(self):
         if self.frame not in FRAMES:
-            raise InputError(f"--frame: expected {' or '.join(FRAMES)}, got {self.frame!r}")
+            raise InputError(f"--frame: expected {', '.join(FRAMES[:-1])} or {FRAMES[-1]}, got {self.frame!r}")
         if self.unit is not None and not 0.0 < self.unit < 1e6:
             raise InputError(f"--unit: expected a length in metres above 0, got {self.unit:g}")
 
@@ -97,11 +96,18 @@ def detect(
             own.append(own_scan(scan, pose, reading.frame))
     read = fitting_prior(Path(prior), reading.prior, own, reading.unit)
     named = []
-    for (file, scan), mine, name in zip(found, own, _names([file for file, _ in found]), strict=True):
-        with _told_of(file):
-            named.append(_named(read, name, scan, mine, reading))
-    loaded = time.perf_counter() - start
-    detection = detect_scans(read, named, judges, settings)
+    try:
+        for (file, scan), mine, name in zip(found, own, _names([file for file, _ in found]), strict=True):
+            with _told_of(file):
+                named.append(_named(read, name, scan, mine, reading))
+        loaded = time.perf_counter() - start
+        detection = detect_scans(read, named, judges, settings)
+    except Misfit as error:
+        pairs = zip(found, given or [None] * len(found), strict=True)
+        others = {frame_that_fits(read, scan, pose, reading.frame, reading.unit) for (_, scan), pose in pairs} - {""}
+        if len(others) != 1:
+            raise
+        raise Misfit(f"{error}; its points do lie on the prior with --frame {others.pop()}") from error
     return detection._replace(timing=detection.timing | {"loading": loaded}, prior=read.file)
 
 
@@ -142,8 +148,8 @@ def _told_of(file: Path) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        text = str(error)
-        raise InputError(text if text.startswith(str(file)) else f"{file}: {text}") from error
+        text, kind = str(error), Misfit if isinstance(error, Misfit) else InputError
+        raise kind(text if text.startswith(str(file)) else f"{file}: {text}") from error
 
 
 def _names(files: list[Path]) -> list[str]:
@@ -219,7 +225,7 @@ def _check_place(prior: Prior, scan: PosedScan, thin: np.ndarray, source: str) -
     if away <= reach:
         return
     where = ", ".join(f"{value:.10g}" for value in scan.position + prior.origin)
-    raise InputError(
+    raise Misfit(
         f"the pose {where}, {source}, is {away:.4g} m outside the building, which spans {span_of(prior.building)} m, "
         f"and the scan reaches {reach:.4g} m: it cannot show any of it"
     )

@@ -7,16 +7,16 @@ from jaxmm.inputs import InputError
 
 EXAMPLE = "jaxmm detect house.ifc scan.e57 --pose 4,-3,1.5,90 --sensor oak-d-pro --out found"
 POSES = (
-    "for every scan one, in order, or a JSON file of them; own (in JSON null), the default of all: what the scan file "
-    "says, else it is estimated"
+    "for every scan one, in order, or a file of them: JSON (angles, a quaternion or a 4x4 matrix) or a TUM trajectory; "
+    "own (in JSON null), the default of all: what the scan file says, else it is estimated"
 )
 SENSORS = (
     "oak-d-pro, oak-d-pro-small, velodyne-16, ouster-64, tls, also with -real behind the name, or a TOML file: says "
     "what was in view without a return; default: the view that the points span"
 )
 FRAMES = (
-    "of the scans' points: the prior's (default), or the sensor's (x forward, y left, z up): then they are moved to "
-    "--pose, or else to the pose in their file"
+    "of the scans' points: the prior's (default), the sensor's (x forward, y left, z up), or an optical one (x right, "
+    "y down, z forward: ROS, Kinect, PCL); in the last two they are moved to --pose, or else to the pose in their file"
 )
 UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
 CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
@@ -34,7 +34,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     )  # fmt: skip
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the reports")
     command.add_argument(
-        "--pose", action="append", default=[], metavar="X,Y,Z,YAW[,PITCH]|own|FILE.json", help=f"{pose}; {POSES}"
+        "--pose", action="append", default=[], metavar="X,Y,Z,YAW[,PITCH[,ROLL]]|own|FILE", help=f"{pose}; {POSES}"
     )
     command.add_argument("--sensor", metavar="NAME|FILE", help=SENSORS)
     command.add_argument("--preset", choices=("default", "thesis"), help="how points become boxes")
@@ -43,7 +43,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--classes", action="append", default=[], metavar="CLASS,...", help=CLASSES)
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
-    command.add_argument("--frame", choices=("world", "sensor"), default="world", help=FRAMES)
+    command.add_argument("--frame", choices=("world", "sensor", "optical"), default="world", help=FRAMES)
     command.add_argument("--unit", type=float, metavar="METRES", help=UNIT)
     command.add_argument(
         "--prior-unit", type=float, metavar="METRES", help="of a mesh or cloud as prior; default: told by how it fits"

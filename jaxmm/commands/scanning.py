@@ -11,7 +11,6 @@ from warp_scanner.buildings.files import read_building
 from warp_scanner.buildings.positions import check_position
 from warp_scanner.scenes.building import Building, ReadOptions
 from warp_scanner.sensors.imperfections import imperfect
-from warp_scanner.sensors.poses import rotation_of
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import OAK_D_PRO, Sensor
 from warp_scanner.sensors.surface import incidence_of, intensity_of
@@ -51,15 +50,14 @@ def scan_of(building: Building, pose: GivenPose, sensor: Sensor, seed: int) -> S
     """
     if not 0 <= seed < 2**63:
         raise ValueError(f"seed: expected at least 0 and below 2^63, got {seed}")
-    position, yaw, pitch = pose
     scene = prepare(building.triangles)
-    check_position(building, scene, position, sensor.range_limits[1])
-    rotation, directions = rotation_of([yaw], [pitch]), sensor.directions()
-    rays = Rays(np.array([position - building.origin]), directions, rotation)
+    check_position(building, scene, pose.position, sensor.range_limits[1])
+    rotation, directions = pose.rotation[None].astype(np.float32), sensor.directions()
+    rays = Rays(np.array([pose.position - building.origin]), directions, rotation)
     found, face = cast_faces(scene, rays)
     incidence = incidence_of(face_normals(building.triangles, face), rays)
     found = imperfect(found, incidence, sensor, seed, np.zeros(1, int))
     incidence = np.where(np.isfinite(found.distance), incidence, np.nan).astype(np.float32)
     light = intensity_of(found.distance, found.semantic, incidence)
     arrays = (field[0] for field in (*found, incidence, light))
-    return SensorScan(np.asarray(position), rotation[0], directions, *arrays, building.elements)
+    return SensorScan(np.asarray(pose.position), rotation[0], directions, *arrays, building.elements)

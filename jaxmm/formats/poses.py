@@ -1,6 +1,7 @@
 """Where scans were taken from, as users and files say it. World frame: metres, z up."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,10 +12,17 @@ from jaxmm.inputs import InputError
 
 FARTHEST = 1e9  # [m] coordinates beyond this are taken for mistakes
 OWN = "own"  # in place of a pose: that of the scan's file, or the estimated one
-FORM = "X,Y,Z,YAW[,PITCH], finite, pitch within 90 degrees"
+FORM = "X,Y,Z,YAW[,PITCH[,ROLL]], finite, pitch within 90 degrees"
 JSON_FORM = (
-    'expected {"position": [x, y, z], "yaw": degrees, "pitch": degrees}, or a list of those and of nulls for own'
+    'expected {"position": [x, y, z], "yaw": degrees, "pitch": degrees, "roll": degrees}, or "quaternion": '
+    "[x, y, z, w] in place of the angles, or a 4x4 matrix, or a list of those and of nulls for own"
 )
+TUM_FORM = "expected lines of a TUM trajectory, timestamp x y z qx qy qz qw, with a quaternion of length 1"
+ANGLES = ("yaw", "pitch", "roll")
+UNIT_LENGTH = 0.01  # by which the length of a quaternion may be off 1: files round
+RIGHT_ANGLES = 1e-3  # by which the product of a rotation with its transpose may be off the identity
+# Columns are the axes of an optical frame (x right, y down, z forward: ROS, Kinect, PCL) in that of a sensor.
+OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 class GivenPose(NamedTuple):
@@ -23,33 +31,47 @@ class GivenPose(NamedTuple):
     position: np.ndarray  # (3,) float64 [m] world
     yaw: float  # [deg] counter-clockwise from +x
     pitch: float  # [deg] upwards
+    roll: float = 0.0  # [deg] about the direction of view, its right side down
+    of_points: bool = False  # the angles are of the frame of the scan's points, which may be an optical one
 
     @property
     def rotation(self) -> np.ndarray:
-        """(3, 3) float64 sensor frame (x forward, y left, z up) to world: first pitch, then yaw."""
-        return Rotation.from_euler("ZY", [self.yaw, -self.pitch], degrees=True).as_matrix()
+        """(3, 3) float64 sensor frame (x forward, y left, z up) to world: first roll, then pitch, then yaw."""
+        return Rotation.from_euler("ZYX", [self.yaw, -self.pitch, self.roll], degrees=True).as_matrix()
+
+    def seen_from(self, frame: str) -> "GivenPose":
+        """The pose of the sensor, where points are in `frame`.
+
+        A quaternion or matrix is that of the frame of the points: of an optical one, z is forward.
+        """
+        if frame != "optical" or not self.of_points:
+            return self
+        return _pose_of(self.position, self.rotation @ OPTICAL.T)._replace(of_points=False)
 
 
 def read_poses(words: list[str]) -> list[GivenPose | None]:
-    """The poses that the values of --pose give: numbers, OWN, or JSON files that hold one pose or a list.
+    """The poses that the values of --pose give: numbers, OWN, or files that hold one pose or several.
 
-    None stands for the scan's own pose: that of its file, or the estimated one.
+    A file is JSON by its ending, and else a TUM trajectory. None stands for the scan's own pose: that of its file, or
+    the estimated one.
 
     Raises:
-        InputError: neither, or not of the form.
+        InputError: none of these, or not of the form.
     """
     found = []
     for word in words:
         path = Path(word)
         if path.suffix.lower() == ".json":
             found += _from_json(path)
+        elif word != OWN and path.is_file():
+            found += _from_trajectory(path)
         else:
-            found.append(None if word == OWN else parse_pose(word, f"{FORM}, or {OWN}"))
+            found.append(None if word == OWN else parse_pose(word, f"{FORM}, or {OWN}, or a file"))
     return found
 
 
 def parse_pose(text: str, form: str = FORM) -> GivenPose:
-    """X,Y,Z,YAW[,PITCH] as a pose; `form` says what was expected.
+    """X,Y,Z,YAW[,PITCH[,ROLL]] as a pose; `form` says what was expected.
 
     Raises:
         InputError: it is not of that form.
@@ -68,30 +90,115 @@ def _from_json(path: Path) -> list[GivenPose | None]:
         raise InputError(f"--pose: {path}: cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"--pose: {path}: {JSON_FORM}, got no valid JSON") from error
-    entries = content if isinstance(content, list) else [content]
+    entries = content if isinstance(content, list) and not _is_matrix(content) else [content]
     if not entries:
         raise InputError(f"--pose: {path}: {JSON_FORM}, got none")
     return [None if entry is None and entries is content else _entry(path, entry) for entry in entries]
 
 
+def _is_matrix(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) == 4
+        and all(isinstance(row, list) and len(row) == 4 and all(map(_is_number, row)) for row in value)
+    )
+
+
+def _is_number(value: Any) -> bool:
+    """Whether JSON gave a number that a float can hold; it bounds no integer."""
+    return not isinstance(value, bool) and isinstance(value, int | float) and abs(value) < 1e300
+
+
+def _numbers(value: Any, count: int) -> bool:
+    return isinstance(value, list) and len(value) == count and all(map(_is_number, value))
+
+
 def _entry(path: Path, entry: Any) -> GivenPose:
-    came = json.dumps(entry)[:80]
-    is_known = isinstance(entry, dict) and set(entry) <= {"position", "yaw", "pitch"}  # "Yaw" is no yaw of 0
-    if not is_known or not isinstance(entry.get("position"), list) or len(entry["position"]) != 3:
-        raise InputError(f"--pose: {path}: {JSON_FORM}, got {came}")
-    numbers = [*entry["position"], entry.get("yaw", 0.0), entry.get("pitch", 0.0)]
-    if any(isinstance(number, bool) or not isinstance(number, int | float) for number in numbers):
-        raise InputError(f"--pose: {path}: {JSON_FORM}, got {came}")
+    """One pose of a JSON file."""
+    where, wrong = f"--pose: {path}", InputError(f"--pose: {path}: {JSON_FORM}, got {json.dumps(entry)[:80]}")
+    if _is_matrix(entry):
+        return _of_matrix(np.array(entry, np.float64), where)
+    if not isinstance(entry, dict):
+        raise wrong
+    if entry.keys() == {"matrix"} and _is_matrix(entry["matrix"]):
+        return _of_matrix(np.array(entry["matrix"], np.float64), where)
+    if not _numbers(entry.get("position"), 3):
+        raise wrong
+    if entry.keys() == {"position", "quaternion"}:
+        if not _numbers(entry["quaternion"], 4):
+            raise wrong
+        return _of_quaternion(entry["position"], entry["quaternion"], where, JSON_FORM)
+    if not entry.keys() <= {"position", *ANGLES}:  # "Yaw" is no yaw of 0
+        raise wrong
+    angles = [entry.get(name, 0.0) for name in ANGLES]
+    if not all(map(_is_number, angles)):
+        raise wrong
+    return _checked([float(value) for value in (*entry["position"], *angles)], where, json.dumps(entry)[:80])
+
+
+def _of_matrix(matrix: np.ndarray, where: str) -> GivenPose:
+    """A pose out of a matrix that takes points of the sensor to the world, or of its transpose, as in PTX files."""
+    if np.allclose(matrix[:3, 3], 0.0) and not np.allclose(matrix[3, :3], 0.0):
+        matrix = matrix.T
+    turn = matrix[:3, :3]
+    rigid = np.abs(turn @ turn.T - np.eye(3)).max() < RIGHT_ANGLES and np.linalg.det(turn) > 0.0
+    if not rigid or not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-6):
+        raise InputError(f"{where}: expected a 4x4 matrix of a rotation and a shift in metres, got {matrix.tolist()}")
+    return _pose_of(_near(matrix[:3, 3], where), turn)
+
+
+def _of_quaternion(position: list[float], quaternion: list[float], where: str, form: str) -> GivenPose:
+    length = math.hypot(*quaternion)
+    if not abs(length - 1.0) < UNIT_LENGTH:
+        raise InputError(f"{where}: {form}, got one of length {length:.4g}")
+    return _pose_of(_near(np.array(position, np.float64), where), Rotation.from_quat(quaternion).as_matrix())
+
+
+def _pose_of(position: np.ndarray, rotation: np.ndarray) -> GivenPose:
+    """A pose by its rotation matrix (3, 3); looking straight up or down it has no roll of its own."""
+    forward, left, up = rotation.T
+    level = float(np.hypot(forward[0], forward[1]))
+    pitch = math.degrees(math.atan2(forward[2], level))
+    if level > 1e-9:
+        yaw, roll = math.degrees(math.atan2(forward[1], forward[0])), math.degrees(math.atan2(left[2], up[2]))
+    else:
+        yaw, roll = math.degrees(math.atan2(-left[0], left[1])), 0.0
+    return GivenPose(position, yaw, pitch, roll, of_points=True)
+
+
+def _from_trajectory(path: Path) -> list[GivenPose | None]:
+    """The poses of a TUM trajectory, in their order (Sturm et al., IROS 2012, for its form)."""
+    where, found = f"--pose: {path}", []
     try:
-        values = [float(number) for number in numbers]
-    except OverflowError:  # JSON bounds no integer
-        raise InputError(f"--pose: {path}: {JSON_FORM}, got {came}") from None
-    return _checked(values, f"--pose: {path}", came)
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise InputError(f"{where}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{where}: {TUM_FORM}, got no text") from error
+    for number, line in enumerate(lines, 1):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        try:
+            values = [float(word) for word in words]
+        except ValueError:
+            values = []
+        if len(values) != 8 or not np.isfinite(values).all():
+            raise InputError(f"{where}: line {number}: {TUM_FORM}, got {line[:80]!r}")
+        found.append(_of_quaternion(values[1:4], values[4:], f"{where}: line {number}", TUM_FORM))
+    if not found:
+        raise InputError(f"{where}: {TUM_FORM}, got none")
+    return found
 
 
 def _checked(values: list[float], where: str, came: str, form: str = FORM) -> GivenPose:
-    if len(values) not in (4, 5) or not np.isfinite(values).all() or (len(values) == 5 and abs(values[4]) > 90.0):
+    if len(values) not in (4, 5, 6) or not np.isfinite(values).all() or (len(values) > 4 and abs(values[4]) > 90.0):
         raise InputError(f"{where}: expected {form}, got {came}")
-    if max(abs(value) for value in values[:3]) > FARTHEST:
-        raise InputError(f"{where}: expected X, Y and Z within {FARTHEST:g} m, got {came}")
-    return GivenPose(np.array(values[:3]), values[3], values[4] if len(values) == 5 else 0.0)
+    yaw, pitch, roll = (*values[3:], 0.0, 0.0)[:3]
+    return GivenPose(_near(np.array(values[:3]), where, came), yaw, pitch, roll)
+
+
+def _near(position: np.ndarray, where: str, came: str | None = None) -> np.ndarray:
+    if not np.abs(position).max() <= FARTHEST:
+        raise InputError(f"{where}: expected X, Y and Z within {FARTHEST:g} m, got {came or position.tolist()}")
+    return position

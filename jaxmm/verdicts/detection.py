@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, Misfit
 from jaxmm.learning.boxes import MISMATCH_TYPES
 from jaxmm.learning.prediction import Judges, Side, judge, unjudged
 from jaxmm.rays.range_noise import settled
@@ -166,7 +166,8 @@ def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
     except (InputError, ValueError) as error:
         away = away_from(prior.building, one.scan.position) if prior.has_elements else 0.0
         where = f"; it would be {away:.3g} m outside the building" if away > 0.0 else ""
-        raise InputError(f"{one.file}: {error}{where}") from error
+        kind = Misfit if isinstance(error, Misfit) else InputError
+        raise kind(f"{one.file}: {error}{where}") from error
 
 
 def look_at(

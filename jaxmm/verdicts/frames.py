@@ -12,12 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxmm.formats.poses import GivenPose
+from jaxmm.formats.poses import OPTICAL, GivenPose
 from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height, thinned
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, Misfit
 from jaxmm.verdicts.priors import Prior, distance_from, read_prior
 
+FRAMES = ("world", "sensor", "optical")
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
 ON_A_MAP, TALL_ROOM = 5000.0, 50.0  # [m] a scan so far away is on a map grid; so high, it is in a small unit
 FAR_FROM_FILE = 0.5  # [m] a given pose may be from that of the file, and nothing is said
@@ -76,19 +77,23 @@ def own_scan(scan: PointScan, given: GivenPose | None, frame: str) -> OwnScan:
         given: its pose, which counts more than that of the file.
         frame: "world", or "sensor" where the file's points are in the sensor's frame. Then the given pose takes them
             to the world, or else the file's own; where the reader did so already (`in_world`), that is undone for a
-            given one.
+            given one. "optical" is the same of points whose z is forward, x right and y down; a rotation that the file
+            says is then that of this frame.
 
     Raises:
         InputError: points in the sensor's frame without any pose.
     """
+    if frame == "optical":
+        scan = _as_sensor(scan)
     if given is not None:
+        given = given.seen_from(frame)
         position, rotation, source = given.position, given.rotation, "given"
     elif scan.position is not None:
         position, rotation, source = scan.position, scan.rotation, "file"
     else:
         position, rotation, source = None, None, "estimated"
     points, carried = scan.points, False
-    if frame == "sensor":
+    if frame != "world":
         if position is None:
             raise InputError("points in the sensor's frame need a pose; give it with --pose")
         if source == "given":
@@ -97,6 +102,27 @@ def own_scan(scan: PointScan, given: GivenPose | None, frame: str) -> OwnScan:
             points = points @ rotation.T + position
     stated = scan.position if source == "given" and frame == "world" else None
     return OwnScan(points, position, rotation, source, carried, stated, scan.in_world)
+
+
+def frame_that_fits(prior: Prior, scan: PointScan, given: GivenPose | None, frame: str, unit: float | None) -> str:
+    """Another frame than `frame` in which far more of a scan lies on the prior, from the same pose; "" for none."""
+    shares = {}
+    for other in FRAMES:
+        try:
+            own = own_scan(scan, given, other)
+        except InputError:  # without a pose there are no other frames
+            return ""
+        shares[other] = fit_of(own.points, _from_scan(own, distance_from(prior)), unit).on
+    best = max(shares, key=shares.get)
+    return best if best != frame and shares[best] > max(LEAST, 2.0 * shares[frame]) else ""
+
+
+def _as_sensor(scan: PointScan) -> PointScan:
+    """A scan whose own frame is optical, as if it were the sensor's."""
+    if scan.in_world:  # only the rotation is still of that frame
+        return scan._replace(rotation=scan.rotation @ OPTICAL.T)
+    rotation = None if scan.rotation is None else scan.rotation @ OPTICAL.T
+    return scan._replace(points=scan.points @ OPTICAL.T, rotation=rotation)
 
 
 def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
@@ -116,7 +142,7 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
         mapped = fit_of(scan.points, _from_scan(scan, distance, grid), unit)
         fit, on_map = (mapped, True) if mapped.share >= LEAST_OVERLAP else (fit, False)
     if fit.share < LEAST_OVERLAP and unit is None:
-        raise InputError(
+        raise Misfit(
             f"expected a scan of the prior's place, got {fit.share:.1%} of its points within {NEAR:g} m of it; "
             + _elsewhere(prior, scan, grid)
         )

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.config import bounded
-from jaxmm.inputs import InputError
+from jaxmm.inputs import Misfit
 from jaxmm.rays.registration import MOST_LEFT, Registration, register
 from jaxmm.rays.scan_rays import PosedScan
 
@@ -87,11 +87,11 @@ def place(
             passes through nothing of the prior, and lies a little upon walls, or is one wall. None: it is refused.
 
     Raises:
-        InputError: it does not fit; the line says by how much.
+        Misfit: it does not fit; the line says by how much.
     """
     limits = limits or FitLimits()
     if len(prior) < LEAST_POINTS:
-        raise InputError("the prior has nothing in view from there; check pose, units and frame")
+        raise Misfit("the prior has nothing in view from there; check pose, units and frame")
     every = max(1, len(scan.points) // MOST_POINTS)
     found = register(scan.points[::every], prior, scan.position, in_sight_only=in_sight_only)
     before = found.overlap_before
@@ -100,7 +100,7 @@ def place(
         return as_it_is
     if refusal := _refusal(found, limits):
         if passed is None or not _may_be_new(found, passed()):
-            raise InputError(refusal)
+            raise Misfit(refusal)
         return as_it_is._replace(notes=(_all_new(found),))
     fit = found.held or found
     turn, shift = fit.motion[:3, :3], fit.motion[:3, 3]

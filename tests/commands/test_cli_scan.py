@@ -99,7 +99,7 @@ def test_what_cannot_be_scanned_is_one_line(house, tmp_path, refused):
     refused(scan("90,0,1.5,0"), "outside the building", "-3.20 to 3.20", "34.4 m")
     refused(scan("0,0,-5,0"), "--pose 0,0,-5,0: no ray of the sensor comes back")
     refused(["scan", "a.ifc", "--pose", "0,0,1,0", "--out", out, "--unit", "0.001"], "--unit", "a.ifc")
-    for pose in ("1,2,3", "a,b,c,d", "1,2,nan,0", "1,2,1,0,91", "", "1,2,3,4,5,6"):
+    for pose in ("1,2,3", "a,b,c,d", "1,2,nan,0", "1,2,1,0,91", "", "1,2,3,4,5,6,7"):
         refused(scan(pose), "--pose", "X,Y,Z,YAW")
     for pose in ("1e300,0,1.5,0", "0,-2e9,1.5,0", "0,0,1e10,0,1"):
         refused(scan(pose), "--pose", "within 1e+09 m", pose)

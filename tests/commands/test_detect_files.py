@@ -1,5 +1,6 @@
 """Files of every kind through `detect`: several scans with poses of their own, map grids, and where reports may go."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from jaxmm import detect
 from jaxmm.commands import detect_files
 from jaxmm.files import load_json, write_folder
-from jaxmm.formats.poses import parse_pose
+from jaxmm.formats.poses import OPTICAL, GivenPose, parse_pose, read_poses
 from jaxmm.ifc.update import write_update
 from jaxmm.inputs import InputError
 from jaxmm.verdicts.settings import DetectSettings
@@ -239,3 +240,26 @@ def test_nothing_is_deleted_while_points_contradict_their_pose(room, tmp_path, c
         told = load_json(out / "report.json")["scans"][0]
         assert told["doubted"] == bool(turn) == ("marked, not deleted" in capsys.readouterr().out)
         assert any("outside the sensor's view" in note for note in told["notes"]) == bool(turn)
+
+
+def test_an_optical_frame_is_read_and_named_where_it_would_fit(room, tmp_path):
+    """The same scan in the frame of its optics, as ROS and Kinect have it, says the same of the room."""
+    folder, case = room
+    points, origin, rotation = rays(folder, "a")
+    optical, expected = tmp_path / "optical.npy", tmp_path / "world.npy"
+    np.save(optical, points @ OPTICAL)
+    np.save(expected, in_world(folder, "a"))
+    matrix = np.block([[rotation @ OPTICAL, origin[:, None]], [np.zeros((1, 3)), 1.0]])
+    (tmp_path / "pose.json").write_text(json.dumps(matrix.tolist()))
+    (by_matrix,) = read_poses([str(tmp_path / "pose.json")])
+    x, y, z, yaw, pitch = case.detection.scans[0].pose
+    by_angles = GivenPose(np.array([x, y, z]), yaw, pitch)
+    world = detect(case.ifc, expected, by_angles, settings=BELIEVED)
+    for pose in (by_matrix, by_angles):
+        found = detect(case.ifc, optical, pose, reading=detect_files.Reading(frame="optical"), settings=BELIEVED)
+        np.testing.assert_allclose(found.scans[0].pose, world.scans[0].pose, atol=1e-3)
+        assert [one.verdict for one in found.elements] == [one.verdict for one in world.elements]
+    for wrong in ("world", "sensor"):
+        with pytest.raises(InputError, match=r"--frame optical$") as told:
+            detect(case.ifc, optical, by_angles, reading=detect_files.Reading(frame=wrong))
+        assert "\n" not in str(told.value)

@@ -1,0 +1,85 @@
+"""Every benchmark runs through at its smallest size, and what it prints and writes is finite and whole."""
+
+import json
+import math
+import re
+import subprocess
+import sys
+
+import pytest
+
+from tests.test_imports import ROOT
+
+JSON, FOLDER, FILE, NOTHING = "--json file", "--out folder", "--out file", "nothing"
+# What each benchmark writes.
+WRITES = {
+    "ablation": FOLDER, "accuracy": FOLDER, "buildings": FOLDER, "clouds": FOLDER, "detect": JSON, "detections": FOLDER,
+    "growth": JSON, "large_scans": JSON, "latency": JSON, "matrix": JSON, "neighbours": JSON, "objects": FOLDER,
+    "outdoors": FOLDER, "pairs": JSON, "peak": NOTHING, "progress": FOLDER, "rays": JSON, "released": JSON,
+    "rivals": FILE, "rooms": JSON, "sensors": FOLDER, "train": JSON, "triangles": JSON, "unchanged": JSON,
+    "voxels": JSON,
+}  # fmt: skip
+NEEDS_FILES = {"released"}  # which no smoke run can make
+NOT_MEASURED = {"peak", "unchanged"}  # a part of another one, and what compares two checkouts
+NUMBERS = ("ours", "peer", "ratio")
+
+
+def benchmarks_with_a_main():
+    return {path.stem for path in (ROOT / "benchmarks").glob("*.py") if "__main__" in path.read_text(encoding="utf-8")}
+
+
+def test_no_benchmark_is_left_out():
+    assert WRITES.keys() == benchmarks_with_a_main()
+
+
+@pytest.mark.parametrize("name", sorted(WRITES.keys() - NOT_MEASURED))
+def test_every_benchmark_stands_in_the_makefile_and_in_the_text(name):
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\nbench: ")[2].partition("\nbench-smoke:")[0]
+    assert re.search(rf"-m benchmarks\.{name}\b", makefile)
+    assert re.search(rf"^\| `{name}` \|", (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def numbers_of(value):
+    """All numbers anywhere in what JSON holds."""
+    if isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from numbers_of(part)
+    elif isinstance(value, int | float):
+        yield value
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", sorted(WRITES))
+def test_a_smoke_run_ends_well_and_tells_finite_and_whole_numbers(name, tmp_path):
+    out = tmp_path / ("out" if WRITES[name] == FOLDER else "out.json")
+    words = {NOTHING: [], JSON: ["--json", out]}.get(WRITES[name], ["--out", out])
+    done = subprocess.run(
+        [sys.executable, "-m", f"benchmarks.{name}", "--smoke", *words], cwd=ROOT, capture_output=True, text=True,
+        timeout=300,
+    )  # fmt: skip
+    if name in NEEDS_FILES:
+        assert done.returncode == 2 and not done.stdout and len(done.stderr.splitlines()) == 1
+        return
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() and not re.search(r"\b(nan|inf|None)\b", done.stdout), done.stdout
+    files = [] if name == "peak" else [out] if out.suffix else sorted(out.rglob("*.json"))
+    assert files or name == "peak"
+    for path in files:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        assert all(map(math.isfinite, numbers_of(found))), path
+    if WRITES[name] == JSON:
+        check_rows(name, found, done.stderr)
+
+
+def check_rows(name, found, complaints):
+    """Rows are all there, but for those of a peer that is said to be missing; commands of a build end well."""
+    if name == "unchanged":
+        said = {what: words for what, words in found.items() if what.endswith("says")}
+        assert len(said) == 4 and all(words.startswith("exit 0") for words in said.values()), said
+    elif name == "matrix":
+        assert len(found["cells"]) == 16
+    else:
+        assert found["rows"] or " left out: " in complaints
+        for row in found["rows"]:
+            assert row["case"] and row["unit"] and row["peer_name"]
+            assert all(row[number] >= 0 for number in NUMBERS), row
