@@ -20,8 +20,7 @@ import numpy as np
 from benchmarks.command_line import CommandLine
 from benchmarks.detection_scores import COUNTS, objects_of, share_of
 from benchmarks.detections import TEST_SEED
-from jaxmm import detect
-from jaxmm.commands.detect_files import Reading
+from jaxmm.commands.detect_files import Reading, detect
 from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED
 from jaxmm.files import load_json, write_json
 from jaxmm.formats.poses import GivenPose

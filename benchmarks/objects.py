@@ -3,7 +3,7 @@
     python -m benchmarks.objects --out runs/objects [--rooms 200] [--case unfiltered] [--only all_four unchanged ...]
 
 Each row is one kind of scene, clean or occluded, of rooms of the test seed; added objects are looked for among the
-robot's points, removed ones among the prior's, as if nobody knew its elements. `default` is objects.find_objects,
+robot's points, removed ones among the prior's, as if nobody knew its elements. `default` is finder.find_objects,
 `thesis` is boxes.fit_boxes for each of the four networks; both see the same probabilities. Rows that `--out` holds
 are not made again. Writes objects.json and prints Markdown.
 

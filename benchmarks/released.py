@@ -14,8 +14,7 @@ import numpy as np
 
 from benchmarks.command_line import CommandLine, end_without
 from benchmarks.timing import write_report
-from jaxmm import detect
-from jaxmm.commands.detect_files import Reading
+from jaxmm.commands.detect_files import Reading, detect
 from jaxmm.files import load_json
 from jaxmm.inputs import InputError
 from jaxmm.learning.box_match import footprint, match_boxes

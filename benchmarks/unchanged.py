@@ -92,7 +92,7 @@ class Build:
 def digest(path: Path) -> str:
     """sha256 of a file, without how long things took, when it was written, and under which circumstances."""
     content = path.read_bytes()
-    if path.name == "updated.ifc":
+    if path.name in ("updated.ifc", "report.md"):
         content = WRITTEN.sub(b"", content)
     if path.suffix == ".json":
         value = load_json(path)
@@ -138,7 +138,7 @@ def detected(build: Build, name: str, words: tuple[str, ...]) -> dict[str, str]:
     """What one detection says, and what is in its folder."""
     said = build.run("detect", *words, "--out", f"{{out}}/{name}")
     print(f"{name}: {said.splitlines()[-2] if said.count(chr(10)) > 2 else said.splitlines()[-1]}", flush=True)
-    kept = build.files(name, "report.json", "*.csv", "*.ply", "*.png", "sentences.txt", "updated.ifc")
+    kept = build.files(name, "report.json", "*.csv", "*.ply", "*.png", "*.md", "sentences.txt", "updated.ifc")
     return {f"{name}: says": said} | kept
 
 
@@ -154,6 +154,9 @@ def main() -> int:
         asked.views = made_view(asked.data)
     if not asked.data.is_dir():
         end_without(f"{asked.data}: expected the folder of buildings and scans that JAXMM_DATA names, found no folder")
+    if not (asked.data / "faults" / "room.ifc").is_file():
+        print(f"--data {asked.data}: expected the folder of test data, with faults/room.ifc in it", file=sys.stderr)
+        return 2
     with tempfile.TemporaryDirectory() as work:
         found = results(Build(asked.tree, Path(work), asked.data.resolve()), asked)
     if asked.json:

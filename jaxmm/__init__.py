@@ -16,14 +16,17 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "commands.detect_files": ["Reading", "detect", "write_all"],
         "commands.scanning": ["scan"],
-        "data.generation": ["generate"],
+        "data.generation": ["Request", "generate"],
+        "data.simulator_settings": ["load_config"],
         "formats.poses": ["parse_pose", "read_poses"],
         "formats.readers": ["read_scans"],
         "formats.writers": ["write_scan"],
         "ifc.undo": ["revert"],
+        "inputs": ["InputError"],
         "runs.main_job": ["evaluate", "reproduce"],
         "runs.training_stage": ["train"],
         "verdicts.priors": ["read_prior"],
+        "verdicts.results": ["Detection"],
         "verdicts.settings": ["DetectSettings"],
     },
 )

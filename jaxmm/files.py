@@ -12,6 +12,8 @@ import numpy as np
 
 from jaxmm.inputs import InputError
 
+MANIFEST = "manifest.json"  # of a data set: which shards it has
+
 
 def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
     """Let `write` fill a temporary file beside `path`, then rename it: readers see the old file or the new one.

@@ -12,12 +12,11 @@ from typing import Any
 import tomli_w
 
 from jaxmm.config import Config, PaperConfig, load
-from jaxmm.files import load_json, write_json, write_text
+from jaxmm.files import MANIFEST, load_json, write_json, write_text
 from jaxmm.inputs import InputError
 from jaxmm.versions import versions
 
 CONFIG, VERSIONS, METRICS, MODELS = "config.toml", "versions.json", "metrics.jsonl", "models.safetensors"
-MANIFEST = "manifest.json"  # of a data set, which lists its shards
 
 
 @contextlib.contextmanager

@@ -11,15 +11,17 @@ from pathlib import Path
 
 import pytest
 
+import jaxmm
 from jaxmm.commands.cli import _glued, _parser
 from jaxmm.config import parse
 from jaxmm.verdicts.settings import CLASSES, load_settings
-from warp_scanner.sensors.sensors import sensor_of
+from warp_scanner.sensors.sensors import PRESETS, sensor_of
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = (".", "docs", "paper", "benchmarks", "findings", "jaxmm/weights")
 TEXTS = sorted(path for folder in FOLDERS for path in (ROOT / folder).glob("*.md"))
 TOLD = [path for path in TEXTS if path.name != "CHANGELOG.md"]  # which names files as they were called then
+SHARED = ("command_line.py", "building_views.py", "timing.py")  # benchmarks take options from these
 named = pytest.mark.parametrize("path", TOLD, ids=lambda path: path.relative_to(ROOT).as_posix())
 
 
@@ -32,7 +34,7 @@ def blocks(path: Path, *languages: str) -> list[str]:
 def commands(path: Path) -> list[list[str]]:
     """Words of the shell commands in the code blocks of a page."""
     lines = [line.split("  #")[0].strip() for text in blocks(path, "", "sh", "bash") for line in text.splitlines()]
-    return [shlex.split(line) for line in lines if re.match(r"(jaxmm|make|python) ", line)]
+    return [shlex.split(line) for line in lines if re.match(r"(jaxmm|make|python|bash) ", line)]
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.relative_to(ROOT).as_posix())
@@ -50,7 +52,7 @@ def test_local_links_and_images_exist(path):
 
 @named
 def test_files_that_are_named_exist(path):
-    folders = "jaxmm|warp_scanner|tests|benchmarks|paper|configs|docs"
+    folders = "jaxmm|warp_scanner|tests|benchmarks|paper|configs|docs|findings"
     names = re.findall(rf"`((?:{folders})/[\w/.-]+)`", path.read_text(encoding="utf-8"))
     for name in set(names) - {"jaxmm/formats/tri.py", "paper/figures/NAME.py"}:  # examples of what one would add
         assert (ROOT / name).exists(), name
@@ -72,6 +74,8 @@ def test_commands_are_understood(path):
         elif words[:2] == ["python", "-m"]:
             spec = importlib.util.find_spec(words[2])
             assert spec is not None, words
+        elif words[0] == "bash":
+            assert "$" in words[1] or "NAME" in words[1] or (ROOT / words[1]).is_file(), words
         elif words[0] == "python" and words[1].endswith(".py"):
             assert (ROOT / words[1]).is_file(), words
         for word in words:
@@ -81,19 +85,63 @@ def test_commands_are_understood(path):
 @named
 def test_modules_and_targets_in_prose_exist(path):
     text = path.read_text(encoding="utf-8")
-    for module in re.findall(r"`(?:python -m )?((?:benchmarks|paper)(?:\.\w+)+)", text):
+    modules = set(re.findall(r"`(?:python -m )?((?:benchmarks|paper)(?:\.\w+)+)", text))
+    for module in modules - {"benchmarks.NAME"}:
         assert importlib.util.find_spec(module) is not None, module
     for target in re.findall(r"`make ([a-z-]+)", text):
         assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.MULTILINE), target
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "docs").glob("*.md")), ids=lambda path: path.name)
+@named
 def test_options_in_prose_are_options_of_a_command(path):
-    """Of `jaxmm`, or of the script that the page runs."""
-    known = "".join(parser.format_help() for parser in _parser()._subparsers._group_actions[0].choices.values())
-    scripts = [word for words in commands(path) if words[:2] == ["python", "-m"] for word in words if word[:2] == "--"]
-    for option in re.findall(r"`(--[a-z-]+)", path.read_text(encoding="utf-8")):
-        assert option in known or option in ("--version", "--smoke") or option in scripts, option
+    """Of `jaxmm`, or of a script: those that a page names stand in their sources."""
+    known = {word for parser in _parsers().values() for word in re.findall(r"--[a-z-]+", parser.format_help())}
+    scripts = {
+        word for file in _scripts() for word in re.findall(r'"(--[a-z0-9-]+)"', file.read_text(encoding="utf-8"))
+    }
+    for option in re.findall(
+        r"(?<![\w-])(--[a-z][a-z-]+)", re.sub(r"```.*?```", "", path.read_text(), flags=re.DOTALL)
+    ):
+        assert option in known | scripts | {"--version"}, option
+
+
+def test_options_of_scripts_are_theirs():
+    shared = "".join((ROOT / "benchmarks" / name).read_text() for name in SHARED)
+    for path in TOLD:
+        for words in commands(path):
+            if words[0] == "python":
+                sources = shared + _source(words).read_text(encoding="utf-8")
+                for word in [word for word in words if word.startswith("--")]:
+                    assert f'"{word}"' in sources, (path.name, words)
+
+
+def _source(words: list[str]) -> Path:
+    """The file that `python FILE` or `python -m MODULE` runs."""
+    if words[1] != "-m":
+        return ROOT / words[1]
+    place = ROOT / Path(*words[2].split("."))
+    return place / "__main__.py" if place.is_dir() else place.with_suffix(".py")
+
+
+def _scripts():
+    return [path for folder in ("benchmarks", "paper", "tests") for path in (ROOT / folder).rglob("*.py")]
+
+
+def test_the_results_in_the_readme_are_those_of_the_benchmarks():
+    measured = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8").split("Preset `varied`:")[1]
+    rows = re.findall(r"^\| (\w+ \w+), (\w+) \| (\d+/\d+) \|(.*)\|$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    assert len(rows) == 8
+    for change, condition, rooms, scores in rows:
+        row = next(line for line in measured.splitlines() if line.startswith(f"| {change} {condition} | {rooms} |"))
+        assert [cell.strip() for cell in scores.split("|")] == [cell.strip() for cell in row.split("|")[4:7]], row
+
+
+def test_what_the_pages_name_for_scripts_and_sensors_is_there():
+    page = (ROOT / "docs" / "inputs-and-outputs.md").read_text(encoding="utf-8")
+    told = page.split("## Names for scripts")[1].split("```")[0]
+    assert set(re.findall(r"`(\w+)`", told)) == set(jaxmm.__all__)
+    presets = re.search(r"Presets: (.*?)\.\s", page, re.DOTALL)[1]
+    assert set(re.findall(r"`([\w-]+)`", presets)) == {name for name in PRESETS if not name.endswith("-real")}
 
 
 def test_every_page_is_one_click_from_the_readme_which_is_short():
@@ -141,8 +189,8 @@ def test_python_of_a_page_runs(page, house):
 
 
 def test_the_help_names_every_element_class():
-    assert f"of {','.join(CLASSES)};" in re.sub(r"\s+", " ", _detect_help())
+    assert f"of {','.join(CLASSES)};" in re.sub(r"\s+", " ", _parsers()["detect"].format_help())
 
 
-def _detect_help() -> str:
-    return _parser()._subparsers._group_actions[0].choices["detect"].format_help()
+def _parsers():
+    return _parser()._subparsers._group_actions[0].choices

@@ -1,4 +1,4 @@
-"""Words typed in, all of the above out. Imports every room."""
+"""Words in, all else out. May import: root, formats, rays, learning, data, verdicts, ifc, reports, thesis, runs."""
 
 import lazy_loader
 

@@ -226,9 +226,11 @@ def _train(options: argparse.Namespace) -> None:
 
 
 def _evaluate(options: argparse.Namespace) -> None:
+    from jaxmm import run_folder
     from jaxmm.learning import result_tables
     from jaxmm.runs import main_job
 
+    run_folder.read_config(options.run_folder)  # what is wrong with it is said before what is wrong with the rows
     rows = [_row_name(name) for name in options.rows] or main_job.EVERY_ROW
     shown, table = main_job.evaluate(options.run_folder, rows, options.rooms)
     print(result_tables.as_terminal(shown))
@@ -252,17 +254,14 @@ def _thesis(options: argparse.Namespace) -> None:
 def _scan(options: argparse.Namespace) -> None:
     import numpy as np
 
-    from jaxmm.commands.scanning import scan_of
+    from jaxmm.commands.scanning import check_returns, opened, scan_of
     from jaxmm.formats import writers
     from jaxmm.formats.poses import parse_pose
-    from warp_scanner.buildings.files import read_building
     from warp_scanner.scenes.building import ReadOptions, remarks
     from warp_scanner.sensors.sensors import sensor_named
 
     writers.check_format(options.out)
     check_writable(options.out, "--out")
-    if not 0 <= options.seed < 2**63:
-        raise InputError(f"--seed: expected at least 0 and below 2^63, got {options.seed}")
     pose = parse_pose(options.pose)
     try:
         sensor = sensor_named(options.sensor)
@@ -272,16 +271,13 @@ def _scan(options: argparse.Namespace) -> None:
             y_up=None if options.up is None else options.up == "y",
             unit=options.unit,
         )
-        if options.scene.suffix.lower() == ".ifc" and (options.unit != 1.0 or options.up is not None):
-            raise InputError(f"--unit, --up: only for mesh files; {options.scene} says its unit and axes itself")
-        building = read_building(options.scene, reading)
-        scan = scan_of(building, pose, sensor, options.seed)
-    except (ValueError, ImportError) as error:
+    except ValueError as error:
         raise InputError(str(error)) from error
-    hits, rays = int(np.isfinite(scan.distance).sum()), len(scan.distance)
-    if not hits:
-        raise InputError(f"--pose {options.pose}: no ray of the sensor comes back from {options.scene} there")
+    building = opened(options.scene, reading)
+    scan = scan_of(building, pose, sensor, options.seed)
+    check_returns(scan, options.pose, options.scene)
     writers.write_scan(options.out, scan)
+    hits, rays = int(np.isfinite(scan.distance).sum()), len(scan.distance)
     for remark in remarks(building):
         print(remark)
     if hits < FEW_RETURNS * rays:

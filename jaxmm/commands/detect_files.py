@@ -71,7 +71,7 @@ def detect(
 
     Args:
         prior: IFC or mesh file, or a point cloud.
-        scans: point clouds, see `scan_files`; a file may hold several.
+        scans: point clouds, see `formats.readers`; a file may hold several.
         poses: one for each scan; None takes the one of its file, or estimates it. None alone does so for all.
         reading: units, frame and sensor.
         settings: how to detect.
@@ -111,7 +111,7 @@ def detect(
     return detection._replace(timing=detection.timing | {"loading": loaded}, prior=read.file)
 
 
-def write_all(detection: Detection, prior: Path, out: Path, *, apply: bool = False) -> list[str]:
+def write_all(detection: Detection, prior: Path | str, out: Path | str, *, apply: bool = False) -> list[str]:
     """Write every output into a new folder, whole or not at all; returns what is to be said about it, a line each.
 
     Args:
@@ -123,6 +123,7 @@ def write_all(detection: Detection, prior: Path, out: Path, *, apply: bool = Fal
     Raises:
         InputError: the folder holds something, or cannot be written.
     """
+    prior, out = Path(prior), Path(out)
     check_empty(out, "--out")
     start, said = time.perf_counter(), []
 

@@ -33,25 +33,40 @@ def scan(
         Every ray of the sensor, returned or not, with the element that it met.
 
     Raises:
-        InputError: the file cannot be read, or no sensor can stand there.
+        InputError: the file cannot be read, no sensor can stand there, nothing comes back, or a seed out of range.
     """
+    found = scan_of(opened(Path(scene), reading or ReadOptions()), pose, sensor, seed)
+    check_returns(found, f"{tuple(pose.position.tolist())}", scene)
+    return found
+
+
+def opened(scene: Path, reading: ReadOptions) -> Building:
+    """The building of a file.
+
+    Raises:
+        InputError: it cannot be read so.
+    """
+    if scene.suffix.lower() == ".ifc" and (reading.unit != 1.0 or reading.y_up is not None):
+        raise InputError(f"--unit, --up: only for mesh files; {scene} says its unit and axes itself")
     try:
-        building = read_building(Path(scene), reading or ReadOptions())
-        return scan_of(building, pose, sensor, seed)
+        return read_building(scene, reading)
     except (ValueError, ImportError) as error:
         raise InputError(str(error)) from error
 
 
 def scan_of(building: Building, pose: GivenPose, sensor: Sensor, seed: int) -> SensorScan:
-    """The same of a building that was read.
+    """What a sensor sees of a building.
 
     Raises:
-        ValueError: no sensor can stand there, or a seed out of range.
+        InputError: no sensor can stand there, or a seed out of range.
     """
     if not 0 <= seed < 2**63:
-        raise ValueError(f"seed: expected at least 0 and below 2^63, got {seed}")
+        raise InputError(f"--seed: expected at least 0 and below 2^63, got {seed}")
     scene = prepare(building.triangles)
-    check_position(building, scene, pose.position, sensor.range_limits[1])
+    try:
+        check_position(building, scene, pose.position, sensor.range_limits[1])
+    except ValueError as error:
+        raise InputError(str(error)) from error
     rotation, directions = pose.rotation[None].astype(np.float32), sensor.directions()
     rays = Rays(np.array([pose.position - building.origin]), directions, rotation)
     found, face = cast_faces(scene, rays)
@@ -61,3 +76,13 @@ def scan_of(building: Building, pose: GivenPose, sensor: Sensor, seed: int) -> S
     light = intensity_of(found.distance, found.semantic, incidence)
     arrays = (field[0] for field in (*found, incidence, light))
     return SensorScan(np.asarray(pose.position), rotation[0], directions, *arrays, building.elements)
+
+
+def check_returns(scan: SensorScan, pose: str, scene: Path | str) -> None:
+    """Refuse a scan of which no ray comes back.
+
+    Raises:
+        InputError: that.
+    """
+    if not np.isfinite(scan.distance).any():
+        raise InputError(f"--pose {pose}: no ray of the sensor comes back from {scene} there")

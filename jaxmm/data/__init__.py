@@ -1,4 +1,4 @@
-"""Settings in; pairs of scans, labelled clouds and data sets on disk out. Imports the root, rays and learning."""
+"""Settings in; pairs of scans, labelled clouds and data sets out. May import: root, rays, learning."""
 
 import lazy_loader
 

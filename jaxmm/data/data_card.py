@@ -1,7 +1,8 @@
 """The card of a data set: what it is and is not, how it was made, every field, and where it ends."""
 
 from jaxmm.config import CONDITIONS, SCENARIOS
-from jaxmm.learning.shards import CLASSES, FIELDS, FORMAT_VERSION, MANIFEST, MOST_CHANGES, RAW_FIELDS, Field, Manifest
+from jaxmm.files import MANIFEST
+from jaxmm.learning.shards import CLASSES, FIELDS, FORMAT_VERSION, MOST_CHANGES, RAW_FIELDS, Field, Manifest
 
 CARD = "card.md"
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from jaxmm import run_folder, versions
 from jaxmm.config import Config
 from jaxmm.data import data_card, dataset, local_engine, simulator_settings
-from jaxmm.files import check_folder, write_atomically, write_text
+from jaxmm.files import MANIFEST, check_folder, write_atomically, write_text
 from jaxmm.inputs import InputError
 from jaxmm.learning import shards
 from jaxmm.learning.shards import Entry, Manifest
@@ -26,7 +26,7 @@ PAIRS_PER_SHARD = 256  # enough that rooms of one kind are many, and drawn toget
 RAW_SHARD_BYTES = 64e6  # raw scans are large: fewer pairs a shard bound the memory of a worker
 POINT_BYTES, RAW_RAY_BYTES = 23 + 4 * len(FEATURES), 18  # of one point of a cloud, and of one ray of both raw scans
 SAMPLE = 64  # pairs that tell how large a pair is, at most
-OWN_FILES = {".lock", run_folder.CONFIG, run_folder.VERSIONS, shards.MANIFEST, data_card.CARD, "shards"}
+OWN_FILES = {".lock", run_folder.CONFIG, run_folder.VERSIONS, MANIFEST, data_card.CARD, "shards"}
 MANIFEST_SHARE = 0.02  # of the time, at most, may go into rewriting the manifest
 
 
@@ -41,7 +41,7 @@ class Request(NamedTuple):
     repair: bool = False  # and make again what is damaged
 
 
-def generate(config: Config, folder: Path, request: Request) -> Manifest:
+def generate(config: Config, folder: Path | str, request: Request) -> Manifest:
     """Make the shards that are missing in `folder`, and return the manifest of all.
 
     Raises:
@@ -49,6 +49,7 @@ def generate(config: Config, folder: Path, request: Request) -> Manifest:
             settings or other code, or held by another process; a damaged shard and no leave to repair it; no Ray.
         OSError: a file cannot be written; what the manifest lists stays whole.
     """
+    folder = Path(folder)
     for name in ("count", "workers"):
         value = getattr(request, name)
         if value is not None and value < 1:
@@ -79,7 +80,7 @@ def _engine(request: Request):
 
 def _opened(config: Config, folder: Path, request: Request) -> Manifest:
     """The manifest of a folder, begun when there is none."""
-    if not (folder / shards.MANIFEST).exists():
+    if not (folder / MANIFEST).exists():
         if foreign := {path.name for path in folder.iterdir()} - OWN_FILES:
             raise InputError(f"{folder}: expected a new folder or one of shards, found {min(foreign)}")
         pairs = _pairs_per_shard(config, request.raw)
@@ -155,7 +156,7 @@ def _stored(folder: Path, number: int, what: tuple[tuple[int, int], bytes, Entry
     entry = shards.entry_of(folder, number, span, content)
     path = shards.shard_path(folder, number)
     if earlier is not None and entry != earlier:
-        raise RuntimeError(f"{path}: made again, it differs from what {shards.MANIFEST} lists; this machine is another")
+        raise RuntimeError(f"{path}: made again, it differs from what {MANIFEST} lists; this machine is another")
     write_atomically(path, lambda temporary: temporary.write_bytes(content))
     return entry
 
@@ -170,7 +171,7 @@ def _check_space(config: Config, folder: Path, request: Request, results: Callab
     existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     free = shutil.disk_usage(existing).free
     done = 0
-    if (folder / shards.MANIFEST).exists():
+    if (folder / MANIFEST).exists():
         done = sum(entry.stop - entry.first for entry in shards.read_manifest(folder).shards.values())
     missing = request.count - done
     pixels = simulator_settings.ray_count(config)

@@ -1,4 +1,4 @@
-"""Pairs of a building's scans as labelled clouds with evidence, the way pipeline.py makes them of generated rooms.
+"""Pairs of a building's scans as labelled clouds with evidence, as labelled_rooms.py makes them of generated rooms.
 
 Rooms have their middle at z = 0; a view of a building is shifted so that the floor and ceiling around its sensor lie
 as those of a room do, for the height filter and the frame of the evidence go by that. R = 1: buildings are scanned one
@@ -123,7 +123,7 @@ def _evidence(scene: TriangleScene, sensor: Sensor, pairs: Pairs, what: tuple[Cl
 
 
 def _expected(scene: TriangleScene, sensor: Sensor, pairs: Pairs, pose: Pose) -> Expected:
-    """What the building says that every ray should meet; as sighting.expected_of of rooms."""
+    """What the building says that every ray should meet; as pair_evidence.expected_of of rooms."""
     rays = rays_of(sensor, pose)
     found, face = cast_faces(scene, rays)
     cosine = np.cos(incidence_of(face_normals(scene.triangles, face), rays))

@@ -1,4 +1,4 @@
-"""Scan files in, points with their pose and unseen rays out, and back. Imports the root only."""
+"""Scan files in; points, poses and unseen rays out, and back. May import: root."""
 
 import lazy_loader
 

@@ -39,13 +39,14 @@ class PointScan(NamedTuple):
     in_world: bool = False  # the file's points are in the sensor's frame, and were taken to the world by that pose
 
 
-def read_scans(path: Path) -> list[PointScan]:
+def read_scans(path: Path | str) -> list[PointScan]:
     """All scans of a file; one, but for E57.
 
     Raises:
         InputError: one line that names the file and what is wrong with it: missing, of an unknown ending, of another
             format than its ending says, truncated, without points, or without a library to read it.
     """
+    path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: expected a scan file, found {'a folder' if path.is_dir() else 'nothing there'}")
     reader = READERS.get(path.suffix.lower())

@@ -70,13 +70,14 @@ def check_format(path: Path) -> None:
         raise InputError(f"{path}: needs the extra formats: pip install 'jaxmm[formats]'") from error
 
 
-def write_scan(path: Path, scan: SensorScan) -> None:
+def write_scan(path: Path | str, scan: SensorScan) -> None:
     """Write a scan in the format that the ending of the path names.
 
     Raises:
         InputError: an unknown ending, or one whose library is not installed; no return at all.
         OSError: it cannot be written; the path stays as it was.
     """
+    path = Path(path)
     check_format(path)
     if not np.isfinite(scan.distance).any() and path.suffix.lower() != ".npz":
         raise InputError(f"{path}: the scan has no return to write: every ray missed")

@@ -1,4 +1,4 @@
-"""A model's text in, the same with edits out, and back. Imports the root, learning and verdicts."""
+"""The text of a model in; the same with edits out, and back. May import: root, learning, verdicts."""
 
 import lazy_loader
 

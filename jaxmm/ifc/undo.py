@@ -55,7 +55,7 @@ def write_with_undo(folder: Path, original: bytes, updated: bytes, edits: list[E
         raise
 
 
-def revert(updated: Path, out: Path) -> None:
+def revert(updated: Path | str, out: Path | str) -> None:
     """Give back the very file that an update was made from, byte for byte.
 
     Args:
@@ -67,6 +67,7 @@ def revert(updated: Path, out: Path) -> None:
             already: it may be the original, with edits of its own by now.
         OSError: `out` cannot be written.
     """
+    updated, out = Path(updated), Path(out)
     if out.exists():
         raise InputError(f"{out}: expected the name of a new file, found one that is there")
     undo = updated.with_name(UNDO)

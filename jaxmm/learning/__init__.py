@@ -1,4 +1,4 @@
-"""Labelled clouds in; models, probabilities, boxes and scores out. Imports the root and rays."""
+"""Labelled point clouds in; models, probabilities, boxes and scores out. May import: root, rays."""
 
 import lazy_loader
 

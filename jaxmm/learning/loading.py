@@ -14,7 +14,7 @@ import grain
 import numpy as np
 
 from jaxmm.config import SCENARIOS, Config, build
-from jaxmm.files import REMEDY, load_json, write_json
+from jaxmm.files import MANIFEST, REMEDY, load_json, write_json
 from jaxmm.inputs import InputError
 from jaxmm.learning import shards
 from jaxmm.learning.batches import Batch, LabelledCloud, Sampler
@@ -89,7 +89,7 @@ def shard_clouds(config: Config, folder: Path, seal: Path) -> list[ShardClouds]:
     manifest = shards.read_manifest(folder)
     if len(manifest.shards) < manifest.shard_count:
         raise InputError(f"{folder}: {len(manifest.shards)} of {manifest.shard_count} shards; generate completes it")
-    made_for = build(Config, manifest.config, str(folder / shards.MANIFEST))
+    made_for = build(Config, manifest.config, str(folder / MANIFEST))
     other = [name for name in ("scan", "room", "preprocess") if getattr(made_for, name) != getattr(config, name)]
     other += ["train_seed"] * (made_for.data.train_seed != config.data.train_seed)
     if other:

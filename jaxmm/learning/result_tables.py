@@ -28,7 +28,7 @@ COLUMNS = (*NAMES, *METRICS, "observable_share", *BOX_METRICS)
 
 COUNTS = ("scene_count", "room_count", "left_out_share")
 
-Room = dict[str, Any]  # scores of one room: see evaluate.score_room
+Room = dict[str, Any]  # scores of one room: see room_scores.score_room
 Row = dict[str, Any]  # one row of the table: the columns, scene_count, left_out_share, ci95, reported
 
 

@@ -94,7 +94,7 @@ def score_room(cloud: LabelledCloud, truth: RoomTruth, scenario: str, scores: di
 
 
 def flat_rooms(rooms: list[dict[str, Any]], scenario: str, condition: str) -> list[dict[str, Any]]:
-    """One flat dict per room, label kind and method, in that order of meaning: what tables.table_rows takes."""
+    """One flat dict per room, label kind and method, in that order of meaning: what result_tables.table_rows takes."""
     return [
         {
             "scenario": scenario,

@@ -15,10 +15,9 @@ import numpy as np
 import safetensors.numpy
 
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, SCENES, UNCHANGED, DataConfig
-from jaxmm.files import load_json, write_json
+from jaxmm.files import MANIFEST, load_json, write_json
 from jaxmm.inputs import InputError
 from jaxmm.rays.evidence import FEATURES
-from jaxmm.run_folder import MANIFEST
 
 FORMAT, FORMAT_VERSION = "jaxmm shards", 2
 DTYPES = {"F32": "<f4", "I32": "<i4", "I64": "<i8", "U8": "|u1", "BOOL": "|b1"}  # safetensors' names
@@ -107,8 +106,8 @@ class Manifest(NamedTuple):
     count: int  # pairs when complete
     pairs_per_shard: int
     raw: bool  # with both raw scans of every pair
-    config: dict[str, Any]  # every setting, as `runs.as_table`
-    versions: dict[str, Any]  # as `runs.versions`
+    config: dict[str, Any]  # every setting, as `run_folder.as_table`
+    versions: dict[str, Any]  # as `versions.versions`
     shards: dict[int, Entry]  # by number, of those that are whole
 
     @property

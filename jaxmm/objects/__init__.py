@@ -1,4 +1,4 @@
-"""Probable points in, walls and columns out. Imports the root and learning."""
+"""Points that have probably changed in; walls and columns out. May import: root, learning."""
 
 import lazy_loader
 

@@ -54,7 +54,7 @@ class Examined(NamedTuple):
     sight: Sight
     looks: list[Look]  # the same, scan by scan; none without a candidate
     candidates: list[Candidate]
-    clues: np.ndarray  # (C, F) of object_clues.CLUES
+    clues: np.ndarray  # (C, F) of clues.CLUES
 
 
 class Found(NamedTuple):

@@ -1,4 +1,4 @@
-"""Points and poses in; rays, evidence and registration out. Imports the root only."""
+"""Points and poses in; rays, evidence and registration out. May import: root."""
 
 import lazy_loader
 

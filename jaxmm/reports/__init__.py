@@ -1,4 +1,4 @@
-"""A Detection or scores in, files that people open out. Imports the root, formats, rays, learning and verdicts."""
+"""A Detection or scores in; files that people open out. May import: root, formats, rays, learning, verdicts."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
 """report.html: one file that shows a detection in 3D and in tables, from disk and without any network.
 
-The parts stand in page/: a document, a style, and the pieces of one script. The document allows that very script and no
-other, by its hash, and nothing may be loaded: names out of foreign files are shown as text, whatever they hold.
+The parts stand in viewer/: a document, a style, and the pieces of one script. The document allows that very script and
+no other, by its hash, and nothing may be loaded: names out of foreign files are shown as text, whatever they hold.
 """
 
 import base64

@@ -1,4 +1,4 @@
-"""A config in, a run folder with its table out. Imports every room but ifc and commands."""
+"""A config in; a run folder out. May import: root, rays, learning, data, objects, verdicts, reports, thesis."""
 
 import lazy_loader
 

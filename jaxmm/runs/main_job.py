@@ -25,11 +25,12 @@ from jaxmm.runs.training_stage import train_stage
 SENTENCES, RELIABILITY = "sentences.json", "reliability.json"
 TOLD = ("labels", "step_count", "batch_size", "points_per_cloud", "learning_rate")  # of the training, in the table
 EVERY_ROW = tuple((scenario, condition) for scenario in SCENARIOS for condition in CONDITIONS)
-Scores = dict[tuple[str, str], list[dict[str, Any]]]  # (scenario, condition) -> evaluate.score_room of each room
+Scores = dict[tuple[str, str], list[dict[str, Any]]]  # (scenario, condition) -> room_scores.score_room of each room
 
 
-def reproduce(config: Config, folder: Path) -> None:
+def reproduce(config: Config, folder: Path | str) -> None:
     """Generate, train, evaluate; write tables and figures into the run folder and the table to the terminal."""
+    folder = Path(folder)
     if config.paper.rows == "all":
         reproduce_paper(config, folder)
         return
@@ -42,7 +43,7 @@ def reproduce(config: Config, folder: Path) -> None:
 
 
 def evaluate(
-    run: Path, rows: Iterable[tuple[str, str]] = EVERY_ROW, room_count: int | None = None
+    run: Path | str, rows: Iterable[tuple[str, str]] = EVERY_ROW, room_count: int | None = None
 ) -> tuple[list[dict[str, Any]], Path]:
     """Score held-out rooms with the models of a run, as `jaxmm evaluate` does.
 
@@ -55,9 +56,12 @@ def evaluate(
         The rows of the table that were asked for, and the file of the table of all rows scored so far.
 
     Raises:
-        InputError: no run folder, one without models, or a number of rooms that there is not.
+        InputError: no run folder, one without models, a row that there is not, or a number of rooms that there is not.
     """
-    settings, rows = run_folder.read_config(run), tuple(rows)
+    run, rows = Path(run), tuple(rows)
+    settings = run_folder.read_config(run)
+    if unknown := [row for row in rows if row not in EVERY_ROW]:
+        raise InputError(f"rows: expected some of {EVERY_ROW}, got {unknown}")
     if not (run / run_folder.MODELS).exists():
         raise InputError(f"{run}: expected trained models in {run_folder.MODELS}, found none")
     count = settings.data.test_rooms if room_count is None else room_count

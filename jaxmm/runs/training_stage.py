@@ -23,12 +23,13 @@ from jaxmm.thesis.training_clouds import thesis_clouds
 CALIBRATION = "calibration.json"
 
 
-def train(config: Config, folder: Path, resume: bool = False) -> Path:
+def train(config: Config, folder: Path | str, resume: bool = False) -> Path:
     """Train all methods in a run folder of their own, as `jaxmm train` does; returns the file of the models.
 
     Raises:
         InputError: the folder holds a run already, and `resume` is False, or the run is of other settings.
     """
+    folder = Path(folder)
     if (folder / run_folder.CONFIG).exists() and not resume:
         raise InputError(f"{folder}: already holds a run; --resume goes on with it, --out chooses another folder")
     with run_folder.open_run(folder, config):

@@ -1,4 +1,4 @@
-"""The thesis's public repository in, its tables out. Imports the root, rays and learning."""
+"""The thesis's public repository in; its tables out. May import: root, rays, learning."""
 
 import lazy_loader
 

@@ -19,7 +19,7 @@ def thesis_clouds(root: Path | str) -> tuple[Clouds, Clouds]:
     so that a room's clean scan could train and its occluded one validate; rooms here are on one side of the split.
 
     Raises:
-        InputError: see `thesis.find_pairs` and `thesis.read_pair`; or a scenario has fewer than two rooms.
+        InputError: see `repository.find_pairs` and `repository.read_pair`; or a scenario has fewer than two rooms.
     """
     pairs = [pair for pair in find_pairs(root, "train") if pair.source == "synthetic"]
     training, validation = [], []

@@ -1,4 +1,4 @@
-"""A prior, rays and models in, a Detection out. Imports the root, formats, rays, learning and objects."""
+"""A prior, rays and models in; a Detection out. May import: root, formats, rays, learning, objects."""
 
 import lazy_loader
 

@@ -56,12 +56,13 @@ class Prior(NamedTuple):
         return self.scene is not None
 
 
-def read_prior(path: Path, options: ReadOptions = AS_IT_IS) -> Prior:
+def read_prior(path: Path | str, options: ReadOptions = AS_IT_IS) -> Prior:
     """The prior in a file: IFC, a mesh, or a point cloud, by the ending; a PLY file without faces is a cloud.
 
     Raises:
         InputError: one line that names the file and what is wrong with it.
     """
+    path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: expected a prior, found {'a folder' if path.is_dir() else 'nothing there'}")
     kind = kind_of(path)

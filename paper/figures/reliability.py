@@ -68,7 +68,7 @@ def draw(run: Path, path: Path) -> Figure:
 
 
 def curve_of(sides: list[dict[str, Any]], method: str) -> Curve:
-    """Out of the scores of rooms, see evaluate.score_room."""
+    """Out of the scores of rooms, see room_scores.score_room."""
     sums = [side["methods"][method]["reliability"] for side in sides]
     count, expected, found = (np.array([one[name] for one in sums]) for name in ("count", "expected", "found"))
     first = joined(count.sum(axis=0), LEAST)

@@ -16,6 +16,7 @@ from jaxmm.commands import cli
 from jaxmm.config import Config, Table, load
 from jaxmm.data import dataset, generation, local_engine
 from jaxmm.data.generation import Request
+from jaxmm.files import MANIFEST
 from jaxmm.learning import shards
 
 SETTINGS = "[data]\ntrain_rooms = 2\nunchanged_rooms = 1\n[scan]\nwidth = 64\nheight = 40\n"
@@ -76,7 +77,7 @@ def wait_for(condition, process, seconds=60):
 
 
 def assert_only_whole_shards_are_listed(folder):
-    if (folder / shards.MANIFEST).exists():
+    if (folder / MANIFEST).exists():
         for number, entry in shards.read_manifest(folder).shards.items():
             assert shards.damage_of(folder, number, entry, thorough=True) is None
 
@@ -285,7 +286,7 @@ def test_a_file_that_the_system_refuses_to_grow_leaves_nothing_half_written(conf
 
 def test_ctrl_c_is_one_line(config, tmp_path):
     process = start(config, tmp_path / "out", "--workers", 2)
-    wait_for(lambda: (tmp_path / "out" / shards.MANIFEST).exists(), process)
+    wait_for(lambda: (tmp_path / "out" / MANIFEST).exists(), process)
     time.sleep(0.3)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
     _, err = process.communicate(timeout=60)

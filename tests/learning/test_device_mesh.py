@@ -16,10 +16,10 @@ MESHES = ((2, 2), (4, 1), (1, 4))  # devices for scenarios, and for clouds
 STEPS = """
 import json, sys
 import jax, numpy as np
-from jaxmm import train
-from jaxmm.batches import Batch
 from jaxmm.config import Config, NetworkConfig, TrainConfig
-from jaxmm.meshes import mesh_of, place
+from jaxmm.learning import train_step
+from jaxmm.learning.batches import Batch
+from jaxmm.learning.device_mesh import mesh_of, place
 
 rng = np.random.default_rng(0)
 mask = np.arange(50) < rng.integers(20, 51, (4, 4, 1))
@@ -28,10 +28,10 @@ batch = Batch(features, rng.random(mask.shape) < 0.3, mask, mask, rng.integers(0
 
 
 def steps(config, place_all):
-    states = train.init_all(jax.random.key(0), 4, config)
+    states = train_step.init_all(jax.random.key(0), 4, config)
     states, placed = place_all(states, batch)
     for _ in range(3):
-        states, losses = train.train_step_all(states, placed, config)
+        states, losses = train_step.train_step_all(states, placed, config)
     return states, losses  # Adam's means of the gradients among them: its steps alone would hide a factor
 
 

@@ -41,7 +41,7 @@ def test_code_that_a_stage_runs_matters(tree, name):
     "name",
     [
         "reports/figures", "reports/room_figures", "learning/result_tables", "learning/room_scores", "learning/boxes",
-        "commands/cli", "runs/main_job",
+        "learning/__init__", "commands/cli", "runs/main_job", "run_folder", "versions",
     ],
 )  # fmt: skip
 def test_code_that_it_does_not_run_does_not(tree, name):

@@ -1,4 +1,4 @@
-"""Building files in; buildings and pairs of their scans out, rooms as IFC. Imports all but clouds."""
+"""Building files in; buildings and pairs of their scans out. May import: root, scenes, sensors, rooms."""
 
 import lazy_loader
 

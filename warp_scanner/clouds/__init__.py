@@ -1,4 +1,4 @@
-"""Ranges in; points, their neighbours, voxels and planes out. Imports the root, kernels and sensors."""
+"""Ranges in; points, their neighbours, voxels and planes out. May import: root, kernels, sensors."""
 
 import lazy_loader
 

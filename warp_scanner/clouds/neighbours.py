@@ -1,4 +1,4 @@
-"""Nearest neighbours between many pairs of clouds at once: the thin host side of neighbour_kernels.py.
+"""Nearest neighbours between many pairs of clouds at once: the thin host side of kernels/neighbours.py.
 
 N points of a cloud, M of the other cloud of its pair. Any frame, metres.
 """

@@ -1,6 +1,6 @@
 """Ranges on the planes that rays and their neighbours end on: what errs from ray to ray, settles.
 
-The thin host side of plane_kernels.py. P rays from one place, S of them are chosen, K neighbours. Any frame; metres.
+The thin host side of kernels/planes.py. P rays from one place, S of them are chosen, K neighbours. Any frame; metres.
 """
 
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Ranges become points: the thin host side of point_kernels.py.
+"""Ranges become points: the thin host side of kernels/points.py.
 
 R rooms, P rays, N points. World frame: metres, z up.
 """

@@ -1,7 +1,7 @@
 """What the rays near a point met: something beyond it, the point itself, something before it, or nothing.
 
-The thin host side of sightline_kernels.py. R scans, P rays of each, N points of one scan. Any frame that directions and
-points share; metres.
+The thin host side of kernels/sightlines.py. R scans, P rays of each, N points of one scan. Any frame that directions
+and points share; metres.
 """
 
 from collections.abc import Sequence

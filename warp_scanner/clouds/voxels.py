@@ -1,4 +1,4 @@
-"""One real point per voxel, for many clouds at once: the thin host side of voxel_kernels.py.
+"""One real point per voxel, for many clouds at once: the thin host side of kernels/voxels.py.
 
 N points of a cloud. Any frame, metres.
 """

@@ -1,1 +1,1 @@
-"""Warp device code only, by what it works on. Imports scenes, for their constants."""
+"""Warp device code, by what it works on. May import: scenes."""

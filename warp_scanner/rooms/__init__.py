@@ -1,4 +1,4 @@
-"""A seed in; random rooms, their changes and pairs of scans out. Imports the root, scenes, kernels and sensors."""
+"""A seed in; random rooms, what changes in them, and pairs of scans out. May import: root, scenes, kernels, sensors."""
 
 import lazy_loader
 

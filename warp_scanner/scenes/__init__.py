@@ -1,4 +1,4 @@
-"""What can be scanned: tables of primitives, and buildings of triangles. Imports the root only."""
+"""What can be scanned: tables of primitives, and buildings of triangles. May import: nothing."""
 
 import lazy_loader
 

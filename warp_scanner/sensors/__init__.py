@@ -1,4 +1,4 @@
-"""Scenes, poses and sensors in, ranges out. Imports the root, scenes and kernels."""
+"""Scenes, poses and sensors in; ranges out. May import: root, scenes, kernels."""
 
 import lazy_loader
 

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_scanner.kernels import outlines, pinhole
+from warp_scanner.kernels import outlines
+from warp_scanner.kernels import pinhole as kernels
 from warp_scanner.launches import load, share, share_out, thread_count
 from warp_scanner.scenes.scenes import GAP, Primitives, take
 from warp_scanner.sensors.poses import Pose, rotation_of
@@ -115,16 +116,16 @@ def _draw_tiles(image: _Image, scene: Primitives, seen: tuple, threads: int) -> 
     """Draw some rooms, given their view and the camera."""
     view, camera = seen
     miss = np.full((len(scene.kind), 1), -1, np.int32)
-    out = pinhole.Image()
+    out = kernels.Image()
     out.element_of = share(np.concatenate([miss, scene.element], axis=1, dtype=np.int32), wp.int32)
     out.semantic_of = share(np.concatenate([miss * 0, scene.semantic], axis=1).astype(np.uint8), wp.uint8)
     for name, dtype in (("distance", wp.float32), ("slot", wp.int32), ("element", wp.int32), ("semantic", wp.uint8)):
         if getattr(image, name) is not None:
             setattr(out, name, share(getattr(image, name), dtype))
-    tiles = -(-camera.width // pinhole.TILE_COLUMNS) * -(-camera.height // pinhole.TILE_ROWS) * len(scene.kind)
+    tiles = -(-camera.width // kernels.TILE_COLUMNS) * -(-camera.height // kernels.TILE_ROWS) * len(scene.kind)
 
     def launch(first: int, count: int) -> None:
-        wp.launch(pinhole.draw_tiles, dim=count, inputs=[first, view, camera, out], device="cpu")
+        wp.launch(kernels.draw_tiles, dim=count, inputs=[first, view, camera, out], device="cpu")
 
     share_out(launch, tiles, threads)
 

@@ -1,4 +1,4 @@
-"""Casts rays at the primitives of many rooms at once: the thin host side of kernels.py.
+"""Casts rays at the primitives of many rooms at once: the thin host side of kernels/rays.py.
 
 R rooms, K slots of primitives, P rays per room. World frame: metres, z up.
 """

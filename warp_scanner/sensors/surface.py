@@ -6,7 +6,7 @@ R rooms, K slots, P rays. World frame: metres, z up.
 import numpy as np
 import warp as wp
 
-from warp_scanner.kernels import surface
+from warp_scanner.kernels import surface as kernels
 from warp_scanner.launches import load, share
 from warp_scanner.scenes import scenes
 from warp_scanner.scenes.scenes import Primitives
@@ -57,7 +57,7 @@ def normals_of(primitives: Primitives, slot: np.ndarray, distance: np.ndarray, r
     turn = np.stack([np.cos(primitives.yaw), np.sin(primitives.yaw)], axis=-1)
     hits = [(turn, wp.vec2), (slot, wp.int32), (distance, wp.float32)]
     lines = [(origin, wp.vec3), (direction, wp.vec3), (rotation, wp.mat33)]
-    _launch(surface.primitive_normals, slot.shape, [*solids, *hits, *lines, (normal, wp.vec3)])
+    _launch(kernels.primitive_normals, slot.shape, [*solids, *hits, *lines, (normal, wp.vec3)])
     return normal
 
 
@@ -81,7 +81,7 @@ def incidence_of(normals: np.ndarray, rays: Rays) -> np.ndarray:
     _, direction, rotation = checked_rays(rays, len(normals))
     incidence = np.full(normals.shape[:2], np.nan, np.float32)
     arrays = [(normals, wp.vec3), (direction, wp.vec3), (rotation, wp.mat33), (incidence, wp.float32)]
-    _launch(surface.angles, incidence.shape, arrays)
+    _launch(kernels.angles, incidence.shape, arrays)
     return incidence
 
 
@@ -126,5 +126,5 @@ def _launch(kernel: wp.Kernel, shape: tuple[int, int], arrays: list[tuple[np.nda
     load(surface)
     stored = {wp.int32: np.int32, wp.uint8: np.uint8}
     shared = [share(np.asarray(array, stored.get(dtype, np.float32)), dtype) for array, dtype in arrays]
-    packets = (shape[0], -(-shape[1] // surface.PACKET))
+    packets = (shape[0], -(-shape[1] // kernels.PACKET))
     wp.launch(kernel, dim=packets, inputs=shared, device="cpu")

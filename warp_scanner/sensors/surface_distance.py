@@ -1,4 +1,4 @@
-"""How far points are from the surfaces of the primitives of a room: the host side of surface_distance_kernels.py."""
+"""How far points are from the surfaces of the primitives of a room: the host side of kernels/surface_distance.py."""
 
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Casts rays at the triangles of a building: the thin host side of triangle_kernels.py.
+"""Casts rays at the triangles of a building: the thin host side of kernels/triangles.py.
 
 R views of one scene, P rays each, E elements, T triangles. World frame: metres, z up; all positions are offsets from
 the building's origin.

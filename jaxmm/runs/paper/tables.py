@@ -97,7 +97,7 @@ def _rows(row: Row, scenes: Scenes, config: EvaluateConfig, methods: dict[str, s
 
 
 def _averaged(scene: dict[str, Any], models: Iterable[str], what: tuple[str, str], config: EvaluateConfig) -> Room:
-    """One room as tables.row_of wants it: the mean over models of what each of them scores."""
+    """One room as result_tables.row_of wants it: the mean over models of what each of them scores."""
     (method, kind), sides = what, [scene["sides"][name] for name in models]
     scored = [side["methods"][method] for side in sides]
     counted = [
