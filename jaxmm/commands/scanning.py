@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from jaxmm.formats.poses import GivenPose
 from jaxmm.formats.writers import SensorScan
@@ -11,6 +12,7 @@ from warp_scanner.buildings.files import read_building
 from warp_scanner.buildings.positions import check_position
 from warp_scanner.scenes.building import Building, ReadOptions
 from warp_scanner.sensors.imperfections import imperfect
+from warp_scanner.sensors.poses import rotation_of
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import OAK_D_PRO, Sensor
 from warp_scanner.sensors.surface import incidence_of, intensity_of
@@ -67,7 +69,8 @@ def scan_of(building: Building, pose: GivenPose, sensor: Sensor, seed: int) -> S
         check_position(building, scene, pose.position, sensor.range_limits[1])
     except ValueError as error:
         raise InputError(str(error)) from error
-    rotation, directions = pose.rotation[None].astype(np.float32), sensor.directions()
+    rolled = Rotation.from_euler("X", pose.roll, degrees=True).as_matrix().astype(np.float32)
+    rotation, directions = rotation_of([pose.yaw], [pose.pitch]) @ rolled, sensor.directions()
     rays = Rays(np.array([pose.position - building.origin]), directions, rotation)
     found, face = cast_faces(scene, rays)
     incidence = incidence_of(face_normals(building.triangles, face), rays)

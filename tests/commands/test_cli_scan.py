@@ -172,3 +172,17 @@ def test_scans_a_real_building_in_feet(data_root, tmp_path, suffix, capsys):
     path, out = data_root / "ifc" / "xbim_wall_door_column_4x3.ifc", tmp_path / f"scan.{suffix}"
     assert cli.main(["scan", str(path), "--pose", "-8,9.9,1.5,90", *HOUSE, "--out", str(out)]) == 0
     assert "2 elements" in capsys.readouterr().out and out.stat().st_size > 10_000
+
+
+def test_a_rolled_camera_sees_the_same_directions_turned_about_its_view(house, tmp_path):
+    """By a quarter of a turn what was to the left is above; the middle stays."""
+    level, rolled = (scanned_from(house, tmp_path / f"{roll}.npz", f"-1,0,1.5,0,0,{roll}") for roll in (0, 90))
+    turn = level["rotation"].T @ rolled["rotation"]
+    np.testing.assert_allclose(turn, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-6)
+    np.testing.assert_allclose(rolled["rotation"][2, 1], 1.0, atol=1e-6)  # its left is up: its right side is down
+
+
+def scanned_from(house, out, pose):
+    assert cli.main(["scan", str(house), "--pose", pose, *HOUSE, "--out", str(out)]) == 0
+    with np.load(out) as arrays:
+        return dict(arrays)

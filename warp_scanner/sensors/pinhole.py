@@ -92,7 +92,7 @@ def _draw(
     if room_count == 0:
         return np.zeros(0, np.int64)
     load(outlines)
-    load(pinhole)
+    load(kernels)
     camera = _camera(sensor)
     threads = thread_count(threads)
     at_once = min(_ROOMS_AT_ONCE, -(-room_count // threads))

@@ -123,7 +123,7 @@ def _launch(kernel: wp.Kernel, shape: tuple[int, int], arrays: list[tuple[np.nda
     """Run a kernel over (R, P) on the given arrays, in their own memory where they allow it; the last is written."""
     if shape[0] * shape[1] == 0:
         return
-    load(surface)
+    load(kernels)
     stored = {wp.int32: np.int32, wp.uint8: np.uint8}
     shared = [share(np.asarray(array, stored.get(dtype, np.float32)), dtype) for array, dtype in arrays]
     packets = (shape[0], -(-shape[1] // kernels.PACKET))
