@@ -19,7 +19,7 @@ from benchmarks.command_line import CommandLine, end_without
 from jaxmm import run_folder
 from jaxmm.config import SCENARIOS, Config, DataConfig, NetworkConfig, TrainConfig
 from jaxmm.data import labelled_rooms
-from jaxmm.data.sides import sides_of
+from jaxmm.data.preprocessed_pairs import sides_of
 from jaxmm.data.simulator_settings import CloudSource
 from jaxmm.files import write_json
 from jaxmm.inputs import InputError

@@ -23,7 +23,7 @@ from benchmarks.command_line import CommandLine
 from jaxmm import run_folder
 from jaxmm.config import CONDITIONS, SCENES, UNCHANGED, Config
 from jaxmm.data.labelled_rooms import clouds_of, pairs_of
-from jaxmm.data.sides import sides_of
+from jaxmm.data.preprocessed_pairs import sides_of
 from jaxmm.data.simulator_settings import CloudSource
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError

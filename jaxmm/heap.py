@@ -1,4 +1,4 @@
-"""What the C library keeps of the memory that a process has freed; of glibc only, elsewhere all of this does nothing.
+"""Gives memory that a process has freed back to the system; of glibc only, elsewhere all of this does nothing.
 
 By default every thread allocates from a heap of its own, and a heap gives back only what is free at its end. Long work
 in pools of threads leaves other holes in other heaps each time, and a process grows though it holds no more.

@@ -22,8 +22,8 @@ from jaxmm.reports.detection_figures import write_figures
 from jaxmm.reports.notebook import detection_html
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
+from jaxmm.verdicts.alignment import FRAMES, OwnScan, fitting_prior, frame_that_fits, lay, own_scan
 from jaxmm.verdicts.detection import NamedScan, detect_scans
-from jaxmm.verdicts.frames import FRAMES, OwnScan, fitting_prior, frame_that_fits, lay, own_scan
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import Detection
 from jaxmm.verdicts.settings import DetectSettings

@@ -5,7 +5,7 @@ import numpy as np
 from jaxmm import heap
 from jaxmm.config import CONDITIONS, SCENARIOS, SCENES, Config
 from jaxmm.data import labelled_rooms
-from jaxmm.data.sides import sides_of
+from jaxmm.data.preprocessed_pairs import sides_of
 from jaxmm.data.simulator_settings import CloudSource
 from jaxmm.learning import shards
 from jaxmm.learning.batches import LabelledCloud

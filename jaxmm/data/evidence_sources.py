@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from jaxmm.config import Config
-from jaxmm.data.sides import own_draws
+from jaxmm.data.preprocessed_pairs import own_draws
 from jaxmm.data.simulator_settings import CloudSource, pair_config
 from jaxmm.inputs import InputError
 from jaxmm.rays.cloud_evidence import CloudPair, frame_of_pair, prior_view, robot_view

@@ -14,7 +14,7 @@ import numpy as np
 from jaxmm.config import Config
 from jaxmm.data.evidence_sources import Seen
 from jaxmm.data.labelled_rooms import Gatherer, clouds_of, truth_of
-from jaxmm.data.sides import Sides, sides_of
+from jaxmm.data.preprocessed_pairs import Sides, sides_of
 from jaxmm.data.simulator_settings import CloudSource, pair_config
 from jaxmm.learning.batches import LabelledCloud
 from jaxmm.learning.room_scores import RoomTruth

@@ -7,8 +7,8 @@ import numpy as np
 
 from jaxmm.config import Config
 from jaxmm.data.evidence_sources import Seen, gather
-from jaxmm.data.localisation import localised
-from jaxmm.data.sides import Sides, sides_of
+from jaxmm.data.pose_errors import localised
+from jaxmm.data.preprocessed_pairs import Sides, sides_of
 from jaxmm.data.simulator_settings import CloudSource, pair_config, ray_count, scene_of
 from jaxmm.files import REMEDY, load_arrays, write_arrays
 from jaxmm.inputs import InputError

@@ -1,4 +1,4 @@
-"""What a training step spends its time in, with gradients written by hand so that memory is passed over seldom.
+"""The layers that cost a training step most, with hand-written gradients that pass over memory seldom.
 
 Each function is written for ONE cloud; axes: N points, C channels. Rows of padding are zero on the way in and out.
 

@@ -1,4 +1,4 @@
-"""Clues: what tells of a candidate whether it is a pillar, a wall or neither.
+"""Features of a candidate that the judge weighs: what tells a pillar, a wall and neither apart.
 
 N points of one side of the scans, F clues. World frame: metres, z up. Plan: x and y.
 """
@@ -11,13 +11,13 @@ from scipy.spatial import cKDTree
 from scipy.special import logit
 
 from jaxmm.learning.upright_shapes import face_through, turn_of
-from jaxmm.objects.building_grid import UNKNOWN, off_grid
-from jaxmm.objects.building_habits import Habits
 from jaxmm.objects.candidates import Candidate, CandidateSettings
 from jaxmm.objects.face_ends import End, Look, back_of, ends_of
 from jaxmm.objects.face_finish import FAR
+from jaxmm.objects.main_directions import UNKNOWN, off_grid
 from jaxmm.objects.patches import Patch, Sight, crossings
 from jaxmm.objects.pieces import Piece, front_of
+from jaxmm.objects.usual_sizes import Habits
 from jaxmm.objects.walls import reach, seen_thin
 
 

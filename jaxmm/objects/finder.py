@@ -15,19 +15,19 @@ import numpy as np
 
 from jaxmm.learning.boxes import Box
 from jaxmm.learning.upright_shapes import turn_of
-from jaxmm.objects.building_grid import grid_near, off_grid
-from jaxmm.objects.building_habits import habits_around
 from jaxmm.objects.candidates import Candidate, candidates_of
 from jaxmm.objects.clues import CLUES, ONTO, Opinions, Surroundings, clues_of
 from jaxmm.objects.face_ends import Look, as_all_rays_show
 from jaxmm.objects.face_finish import Rays
 from jaxmm.objects.familiar_sizes import by_length, by_size, by_width
+from jaxmm.objects.furniture_filter import upright
 from jaxmm.objects.judge import ObjectJudge, default_judge, judge_objects
+from jaxmm.objects.main_directions import grid_near, off_grid
 from jaxmm.objects.object_heights import levels_of
 from jaxmm.objects.patches import Sight, sensors_of
 from jaxmm.objects.pieces import pieces_of
 from jaxmm.objects.solids import SolidSettings, solid_of, without_splinters
-from jaxmm.objects.upright import upright
+from jaxmm.objects.usual_sizes import habits_around
 from jaxmm.objects.view_window import view_of
 from jaxmm.objects.wall_joining import joined
 from jaxmm.objects.walls import KnownBuilding, Solid

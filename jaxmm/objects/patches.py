@@ -1,4 +1,4 @@
-"""What the rays of some scans say of upright patches of space: looked through, met, or hidden.
+"""What the rays of some scans say about upright rectangles in space: passed through, hit, or hidden.
 
 N points, S scans. World frame: metres, z up. Each point stands for the ray that ended on it; a direction without a
 point tells nothing.

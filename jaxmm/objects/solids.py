@@ -1,4 +1,4 @@
-"""Solids: a candidate becomes one wall or one pillar, with what is hidden of it made up for.
+"""From a candidate to one wall or one pillar; what is hidden of it is completed.
 
 N points of one side of the scans. World frame: metres, z up. Plan: x and y.
 """

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.learning.upright_shapes import Face
-from jaxmm.objects.building_grid import Uprights, way_to_surface
-from jaxmm.objects.building_habits import OwnElements
+from jaxmm.objects.main_directions import Uprights, way_to_surface
 from jaxmm.objects.patches import LEAST_RAYS, Crossings, Sight, crossings, crossings_along, upright_patch
 from jaxmm.objects.pieces import Piece, PieceSettings
+from jaxmm.objects.usual_sizes import OwnElements
 
 
 class KnownBuilding(NamedTuple):

@@ -1,4 +1,4 @@
-"""Whether two clouds can be of one place at all: units, and overlap. N, M points, world frame, metres."""
+"""Refuses two clouds that cannot be of one place: by units, and by overlap. N, M points, world frame, metres."""
 
 import numpy as np
 from scipy.spatial import cKDTree

@@ -1,4 +1,4 @@
-"""Scans of sensors that err: ranges settle on the planes around them; what hangs at edges is left out.
+"""Smooths noisy ranges onto the local planes around them (settling), and leaves out points that hang at edges.
 
 A depth camera errs by centimetres from pixel to pixel, and at the edge of a thing every sensor mixes the ranges of both
 sides of the edge. What is near on the sensor is mostly on one plane. N points, K rays closest to one, itself included.

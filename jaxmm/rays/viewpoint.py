@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.inputs import InputError
-from jaxmm.rays.scan_rays import overtaken
-from jaxmm.rays.view_pyramid import (
+from jaxmm.rays.camera_fit import (
     REACH,
     Cloud,
     deviation_of,
@@ -26,6 +25,7 @@ from jaxmm.rays.view_pyramid import (
     touched_edges,
     with_spacing,
 )
+from jaxmm.rays.scan_rays import overtaken
 
 LEAST_POINTS = 200  # below, the edges of the view are guesswork
 LEAST_TOUCHED = 0.6  # of all edges; right poses have 0.64 and more, wrong ones rarely half

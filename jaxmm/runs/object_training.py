@@ -27,10 +27,10 @@ from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES, Box
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.learning.upright_shapes import outside
-from jaxmm.objects.building_grid import QUARTER
 from jaxmm.objects.clues import CLUES
 from jaxmm.objects.finder import ObjectSettings, examine
 from jaxmm.objects.judge import KINDS, ObjectJudge, judge_objects, save_judge
+from jaxmm.objects.main_directions import QUARTER
 from jaxmm.objects.walls import KnownBuilding
 from jaxmm.progress import bar_of
 from jaxmm.rays.range_noise import settled

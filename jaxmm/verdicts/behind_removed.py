@@ -1,4 +1,4 @@
-"""What scans tell past what is gone: there, all that is new passes for old, and what is old for out of reach.
+"""What scans tell of a building without its removed elements: which elements behind them show, and what is new there.
 
 N points of one side, P rays, E elements. Positions are offsets from the prior's origin, world axes: metres, z up.
 """

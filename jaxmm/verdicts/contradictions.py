@@ -1,4 +1,4 @@
-"""Rays that a scan cannot have sent: they pass through what its own points show to stand.
+"""Doubts about a pose: its rays would pass through what the scan's own points show to stand.
 
 Positions are offsets from the prior's origin, world axes: metres, z up. K places where rays pass.
 

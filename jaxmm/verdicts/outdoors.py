@@ -1,4 +1,4 @@
-"""Scans from outdoors: of what is new out there nobody knows since when, of what is in the building one does.
+"""Scans from outside a building: only new objects inside of it are reported.
 
 Trees, cars and other houses are in no building model. N points. Positions are offsets from the prior's origin, world
 axes: metres, z up.

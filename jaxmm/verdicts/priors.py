@@ -13,8 +13,8 @@ from jaxmm.formats.readers import READERS, PointScan, read_scans
 from jaxmm.formats.units import Distance
 from jaxmm.inputs import InputError
 from jaxmm.learning.upright_shapes import is_round, rectangle_along
-from jaxmm.objects.building_grid import QUARTER, uprights_of
-from jaxmm.objects.building_habits import OwnElements
+from jaxmm.objects.main_directions import QUARTER, uprights_of
+from jaxmm.objects.usual_sizes import OwnElements
 from jaxmm.objects.walls import KnownBuilding
 from jaxmm.rays.range_noise import Settled, settled
 from jaxmm.rays.scan_rays import PosedScan, drawn, overtaken

@@ -1,4 +1,4 @@
-"""What the rays of a scan say of one object when it is thought of as standing alone.
+"""What the rays of a scan would say of one object if nothing else stood there.
 
 P rays of one scan. Positions are offsets from the prior's origin, world axes: metres, z up.
 """

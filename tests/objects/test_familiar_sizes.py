@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from jaxmm.objects.building_habits import OwnElements
 from jaxmm.objects.face_ends import as_all_rays_show
 from jaxmm.objects.familiar_sizes import by_length, by_size, by_width
 from jaxmm.objects.finder import ObjectSettings, examine, find_objects
 from jaxmm.objects.solids import solid_of
+from jaxmm.objects.usual_sizes import OwnElements
 from jaxmm.objects.walls import KnownBuilding
 from tests.cases.known_rooms import judged, pillar, says, wall
 from warp_scanner.scenes.scenes import CYLINDER

@@ -11,16 +11,16 @@ from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES, Box
 from jaxmm.learning.prediction import read_judges
 from jaxmm.learning.upright_shapes import Circle, face_through, outside
-from jaxmm.objects.building_grid import grid_near
-from jaxmm.objects.building_habits import Habits, habits_around
 from jaxmm.objects.candidates import candidates_of
 from jaxmm.objects.clues import CLUES, Opinions, Surroundings, clues_of
 from jaxmm.objects.face_ends import Look
 from jaxmm.objects.finder import ObjectSettings, examine
 from jaxmm.objects.judge import KINDS, ObjectJudge, default_judge, judge_objects, load_judge, save_judge
+from jaxmm.objects.main_directions import grid_near
 from jaxmm.objects.patches import Sight
 from jaxmm.objects.pieces import Piece
 from jaxmm.objects.solids import SolidSettings
+from jaxmm.objects.usual_sizes import Habits, habits_around
 from jaxmm.rays.scan_rays import rays_of_scan
 from jaxmm.runs import object_training
 from jaxmm.runs.object_training import (

@@ -8,7 +8,7 @@ import pytest
 from jaxmm.config import Config, Table
 from jaxmm.data.evidence_sources import KINDS, gather
 from jaxmm.data.labelled_rooms import clouds
-from jaxmm.data.sides import sides_of
+from jaxmm.data.preprocessed_pairs import sides_of
 from jaxmm.data.simulator_settings import CloudSource, pair_config
 from jaxmm.rays.cloud_evidence import CloudPair, frame_of_pair, prior_view, robot_view, side_of
 from jaxmm.rays.evidence import BLOCKED, FEATURES, SUPPORT, THROUGH, UNSEEN, fractions

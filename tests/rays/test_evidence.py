@@ -7,7 +7,7 @@ import pytest
 
 from jaxmm.config import TRAINED_METHODS, Config, ConfigError, Table, parse
 from jaxmm.data.labelled_rooms import clouds
-from jaxmm.data.sides import sides_of
+from jaxmm.data.preprocessed_pairs import sides_of
 from jaxmm.data.simulator_settings import CloudSource
 from jaxmm.rays import pair_evidence
 from jaxmm.rays.evidence import (

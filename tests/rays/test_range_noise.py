@@ -18,7 +18,7 @@ from jaxmm.runs.room_scans import room_cases, true_boxes
 from jaxmm.verdicts.detection import NamedScan, _settled, detect_scans
 from jaxmm.verdicts.results import box_of
 from jaxmm.weights import DEFAULT
-from tests.cases.as_it_is import AS_IS
+from tests.cases.exact_poses import AS_IS
 from tests.cases.known_rooms import SENSOR, SHELL, pillar, slab, wall
 from warp_scanner.scenes.scenes import join
 from warp_scanner.sensors.poses import Pose

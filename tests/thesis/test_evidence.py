@@ -9,7 +9,7 @@ import pytest
 from jaxmm.commands import cli
 from jaxmm.config import Config, Table
 from jaxmm.data.labelled_rooms import pairs_of
-from jaxmm.data.sides import sides_of
+from jaxmm.data.preprocessed_pairs import sides_of
 from jaxmm.data.simulator_settings import CloudSource
 from jaxmm.rays.evidence import FEATURES
 from jaxmm.rays.rule import rule_scores

@@ -10,8 +10,8 @@ from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.priors import prior_of_building, prior_of_cloud
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import REMOVED
-from tests.cases.as_it_is import AS_IS, named
 from tests.cases.box_building import building_of
+from tests.cases.exact_poses import AS_IS, named
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, PILLAR, TABLE, WALL, WINDOW
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL

@@ -15,7 +15,7 @@ from jaxmm.verdicts.priors import prior_of_building, prior_of_cloud
 from jaxmm.verdicts.results import box_of
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
-from tests.cases.as_it_is import AS_IS, named
+from tests.cases.exact_poses import AS_IS, named
 from warp_scanner.scenes.scenes import FLOOR
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL

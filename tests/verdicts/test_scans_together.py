@@ -12,7 +12,7 @@ from jaxmm.verdicts.detection import NamedScan, detect_scans
 from jaxmm.verdicts.mismatches import Looked, judged_side, shown_by_each
 from jaxmm.verdicts.results import Mismatch, to_json
 from jaxmm.weights import DEFAULT
-from tests.cases.as_it_is import AS_IS
+from tests.cases.exact_poses import AS_IS
 
 
 @pytest.fixture(scope="module")

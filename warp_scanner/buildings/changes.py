@@ -12,7 +12,7 @@ from warp_scanner import draws
 from warp_scanner.buildings.positions import inside
 from warp_scanner.rooms.footprints import Footprints, join
 from warp_scanner.rooms.furniture import FurnitureConfig, Marks, build_furniture, spread_furniture
-from warp_scanner.rooms.sites import Site
+from warp_scanner.rooms.shells import Site
 from warp_scanner.scenes import scenes
 from warp_scanner.scenes.building import Building, Triangles, element_bounds, fixed
 from warp_scanner.scenes.scenes import CEILING, FLOOR, GAP, WALL, scene_mesh

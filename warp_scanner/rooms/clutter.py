@@ -13,7 +13,7 @@ from warp_scanner import draws
 from warp_scanner.rooms.footprints import Footprints
 from warp_scanner.rooms.furniture import at
 from warp_scanner.rooms.settings import Range
-from warp_scanner.rooms.sites import Site
+from warp_scanner.rooms.shells import Site
 from warp_scanner.scenes.scenes import BOX, CABINET, CARTON, CYLINDER, PERSON, Primitives, Tags, join, solids
 
 _PERSON_HALF_SIZE = (0.15, 0.26)  # [m] from back to front, and across the shoulders

@@ -12,7 +12,7 @@ import numpy as np
 from warp_scanner import draws
 from warp_scanner.rooms.footprints import Footprints
 from warp_scanner.rooms.settings import Range
-from warp_scanner.rooms.sites import Site
+from warp_scanner.rooms.shells import Site
 from warp_scanner.scenes.scenes import BOX, CHAIR, CYLINDER, TABLE, Primitives, Tags, join, solids
 
 

@@ -18,7 +18,7 @@ from warp_scanner.rooms.clutter import ClutterConfig, build_clutter, spread_clut
 from warp_scanner.rooms.footprints import Footprints
 from warp_scanner.rooms.furniture import FurnitureConfig, build_furniture, chosen_places, spread_furniture
 from warp_scanner.rooms.settings import Range, check_settings
-from warp_scanner.rooms.sites import Site
+from warp_scanner.rooms.shells import Site
 from warp_scanner.rooms.walls import WallConfig, cut_doors, draw_walls, wall_footprints
 from warp_scanner.scenes.scenes import (
     BOX,

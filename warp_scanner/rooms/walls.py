@@ -13,7 +13,7 @@ from warp_scanner import draws
 from warp_scanner.rooms import footprints
 from warp_scanner.rooms.footprints import Footprints
 from warp_scanner.rooms.settings import Range
-from warp_scanner.rooms.sites import Site
+from warp_scanner.rooms.shells import Site
 from warp_scanner.scenes.scenes import BOX, DOOR, WALL, Primitives, Tags, join, solids
 
 

@@ -20,7 +20,7 @@ from jaxmm.config import Config, Table
 from jaxmm.data.evidence_sources import gather
 from jaxmm.data.labelled_buildings import View, building_views
 from jaxmm.data.labelled_rooms import RAYS_AT_ONCE, Gatherer, clouds_of, distances_of, heuristic_of, pairs_of, truth_of
-from jaxmm.data.sides import Sides, sides_of
+from jaxmm.data.preprocessed_pairs import Sides, sides_of
 from jaxmm.data.simulator_settings import CloudSource, ray_count
 from jaxmm.inputs import InputError
 from jaxmm.learning.batches import LabelledCloud

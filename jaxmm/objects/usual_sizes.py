@@ -1,4 +1,4 @@
-"""How a building's own walls and columns stand, and how large they are: what is new is mostly like them.
+"""What is usual in a building: the sizes of its walls and columns, and how they stand. What is new is mostly alike.
 
 O own walls and columns. Plan: x and y of the frame of the building, metres.
 """
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.objects.building_grid import NEAR, UNKNOWN, off_grid
+from jaxmm.objects.main_directions import NEAR, UNKNOWN, off_grid
 
 WIDEST = 2.0  # [m] beyond which a column is as good as a wall
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxmm.objects.building_grid import UNKNOWN
-from jaxmm.objects.building_habits import WIDEST, Habits, OwnElements, habits_around
+from jaxmm.objects.main_directions import UNKNOWN
+from jaxmm.objects.usual_sizes import WIDEST, Habits, OwnElements, habits_around
 from jaxmm.verdicts.priors import prior_of_building
 from warp_scanner.buildings.changes import of_element
 from warp_scanner.buildings.room_buildings import building_of_room

@@ -9,7 +9,7 @@ from jaxmm.formats.poses import GivenPose
 from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import TALLEST, UNITS, fit_of
 from jaxmm.inputs import InputError
-from jaxmm.verdicts.frames import fitting_prior, lay, own_scan
+from jaxmm.verdicts.alignment import fitting_prior, lay, own_scan
 from jaxmm.verdicts.priors import distance_from, prior_of_cloud, read_prior
 from warp_scanner.scenes.building import ReadOptions, bounds
 

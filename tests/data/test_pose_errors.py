@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxmm.data.localisation import localised
+from jaxmm.data.pose_errors import localised
 from warp_scanner.rooms.pairs import PRESETS, PairConfig, make_pairs
 from warp_scanner.rooms.scenarios import make_scenes
 from warp_scanner.sensors.pinhole import cast_image

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from jaxmm.objects.building_grid import grid_near, uprights_of, way_to_surface
+from jaxmm.objects.main_directions import grid_near, uprights_of, way_to_surface
 
 STOREY = (-1.5, 1.5)
 HERE = np.zeros(2)

@@ -1,4 +1,4 @@
-"""The directions that a building stands along: most walls of it are parallel or at right angles. And where it stands.
+"""The main directions of a building, which most of its walls are parallel to or at right angles with.
 
 U upright triangles. Plan: x and y of the frame of the building, metres.
 """

@@ -1,4 +1,4 @@
-"""Joins scanner and registration: where robots stand, judged by what they see.
+"""Pairs whose robot is not quite where it is believed to be: registration corrects its pose by what it sees.
 
 R robots, P rays. World frame: metres, z up.
 """

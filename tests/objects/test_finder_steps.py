@@ -5,10 +5,10 @@ import pytest
 import trimesh
 
 from jaxmm.learning.upright_shapes import face_through
-from jaxmm.objects.building_grid import uprights_of
 from jaxmm.objects.candidates import Candidate
 from jaxmm.objects.clues import CLUES
 from jaxmm.objects.finder import ObjectSettings, examine, find_objects
+from jaxmm.objects.main_directions import uprights_of
 from jaxmm.objects.object_heights import levels_of
 from jaxmm.objects.patches import Patch, Sight, crossings
 from jaxmm.objects.pieces import Piece
