@@ -153,7 +153,7 @@ def main() -> int:
     steps = contestants(names, random_batch(*size), config)
     timings = dict(zip(steps, measure_in_turns(list(steps.values()), options.repeat), strict=True))
     ours, case = timings.pop(OURS), f"step of {MODELS} models x {options.clouds} clouds x {options.points} points"
-    print(f"first call: ours {ours.first:.1f} s, {', '.join(f'{n} {t.first:.1f} s' for n, t in timings.items())}")
+    print("first call:", ", ".join(f"{n} {t.first:.1f} s" for n, t in {"ours": ours, **timings}.items()))
     rows = rows_of(ours.median, {name: timing.median for name, timing in timings.items()}, case, "s")
     for row, timing in zip(rows, timings.values(), strict=True):
         row |= {"ours_first_call_s": round(ours.first, 2), "peer_first_call_s": round(timing.first, 2)}
