@@ -46,7 +46,11 @@ def main(_) -> None:
     seen = {(workers, batched): order(workers, batched) for batched in (False, True) for workers in (0, 2)}
     for (workers, batched), found in seen.items():
         print(f"seen:     {workers} workers, {'batches of 2' if batched else 'no batches'}: {found}")
-    stated = seen[0, False] == seen[2, False] and seen[0, True] != seen[2, True]
+    stated = (
+        seen[0, False] == seen[2, False] == list(range(8))
+        and seen[0, True] == [[0, 1], [2, 3], [4, 5], [6, 7]]
+        and seen[2, True] == [[0, 2], [1, 3], [4, 6], [5, 7]]
+    )
     print("as stated" if stated else "NO LONGER AS STATED", flush=True)
     os._exit(0 if stated else 3)  # its threads complain when the interpreter ends
 

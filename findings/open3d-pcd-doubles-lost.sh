@@ -12,6 +12,7 @@
 #   seen:     ascii: io 2 points, the first at [155000.25, 463000.5, 1.75]; t.io right
 #   seen:     binary: io 2 points, the first at [0.0, 0.0, 0.0]; t.io right
 #   seen:     binary_compressed: io 2 points, the first at [0.0, 0.0, 0.0]; t.io right
+#   written by io: SIZE 4 4 4, TYPE F F F
 # In jaxmm: the PCD writer uses floats as long as they are exact to a quarter of a millimetre, and doubles beyond.
 #
 # Open3D needs libGL, libX11, libgomp and libusb of the system; the last is taken from PyPI where it is missing.
@@ -48,11 +49,20 @@ for encoding in (pypcd4.Encoding.ASCII, pypcd4.Encoding.BINARY, pypcd4.Encoding.
     assert np.allclose(pypcd4.PointCloud.from_path(f"{name}.pcd").numpy(("x", "y", "z")), points, rtol=0, atol=1e-6)
     found = np.asarray(o3d.io.read_point_cloud(f"{name}.pcd").points)
     newer = o3d.t.io.read_point_cloud(f"{name}.pcd").point.positions.numpy()
-    seen[name] = found
     right = np.allclose(newer, points, rtol=0, atol=1e-6)
     told = "right" if right else "wrong"
+    seen[name] = found, right
     print(f"seen:     {name}: io {len(found)} points, the first at {found[0].tolist()}; t.io {told}")
-stated = all(seen[name].shape == points.shape and not seen[name].any() for name in ("binary", "binary_compressed"))
+ascii_points, _ = seen["ascii"]
+stated = ascii_points.shape == points.shape and np.allclose(ascii_points, points, rtol=0, atol=1e-6)
+lost = seen["binary"][0], seen["binary_compressed"][0]
+stated &= all(found.shape == points.shape and not found.any() for found in lost)
+stated &= all(right for _, right in seen.values())
+o3d.io.write_point_cloud("own.pcd", o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)))
+with open("own.pcd", "rb") as file:
+    header = [line.decode().split() for line in file.read(400).split(b"\n") if line.startswith((b"SIZE", b"TYPE"))]
+print("written by io:", ", ".join(" ".join(line) for line in header))
+stated &= header == [["SIZE", "4", "4", "4"], ["TYPE", "F", "F", "F"]]
 print("as stated" if stated else "NO LONGER AS STATED")
 sys.exit(0 if stated else 3)
 PY

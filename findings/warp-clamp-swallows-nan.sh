@@ -9,6 +9,8 @@
 #   warp-lang 1.19.0
 #   expected: nan from each; numpy.clip(nan, 0, 1) is nan
 #   seen:     min(nan, 1) = 1.0, max(nan, 1) = 1.0, clamp(nan, 0, 1) = 0.0
+#   of 0.5:   min(0.5, 1) = 0.5, max(0.5, 1) = 1.0, clamp(0.5, 0, 1) = 0.5
+#   nan + 1 in the same kernel: nan
 # In jaxmm: kernels ask `isfinite` of a distance before they compute with it.
 set -euo pipefail
 VERSION=${VERSION:-1.19.0}
@@ -32,16 +34,29 @@ def bound(value: wp.array(dtype=wp.float32), out: wp.array(dtype=wp.float32)):
     out[0] = wp.min(value[0], 1.0)
     out[1] = wp.max(value[0], 1.0)
     out[2] = wp.clamp(value[0], 0.0, 1.0)
+    out[3] = value[0] + 1.0
+
+
+def bounded(value: float) -> list[float]:
+    given = wp.array([value], dtype=wp.float32, device="cpu")
+    out = wp.zeros(4, dtype=wp.float32, device="cpu")
+    wp.launch(bound, dim=1, inputs=[given], outputs=[out], device="cpu")
+    return out.numpy().tolist()
+
+
+def told(value: float, found: list[float]) -> str:
+    names = f"min({value}, 1)", f"max({value}, 1)", f"clamp({value}, 0, 1)"
+    return ", ".join(f"{name} = {one}" for name, one in zip(names, found))
 
 
 print("warp-lang", version("warp-lang"))
-given = wp.array([np.nan], dtype=wp.float32, device="cpu")
-out = wp.zeros(3, dtype=wp.float32, device="cpu")
-wp.launch(bound, dim=1, inputs=[given], outputs=[out], device="cpu")
 print("expected: nan from each; numpy.clip(nan, 0, 1) is", np.clip(np.nan, 0.0, 1.0))
-seen = dict(zip(("min(nan, 1)", "max(nan, 1)", "clamp(nan, 0, 1)"), out.numpy().tolist()))
-print("seen:    ", ", ".join(f"{name} = {value}" for name, value in seen.items()))
-stated = not np.isnan(out.numpy()).any()
+*of_nan, added = bounded(np.nan)
+*of_half, _ = bounded(0.5)
+print("seen:    ", told(np.nan, of_nan))
+print("of 0.5:  ", told(0.5, of_half))
+print("nan + 1 in the same kernel:", added)
+stated = of_nan == [1.0, 1.0, 0.0] and of_half == [0.5, 1.0, 0.5] and np.isnan(added)
 print("as stated" if stated else "NO LONGER AS STATED")
 sys.exit(0 if stated else 3)
 PY

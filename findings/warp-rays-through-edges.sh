@@ -3,13 +3,16 @@
 #
 # Library: warp-lang 1.19.0 (PyPI), CPU.
 # A good guess: a ray from inside a closed box meets its surface, whatever its direction.
-# What happens: of rays that are aimed at edges, also those across a flat face, about one in a hundred gets no hit from
-#   `mesh_query_ray`: rounding puts it outside of either triangle. Of random rays none of 100,000 was lost.
+# What happens: of rays that are aimed at the box's edges, about one in sixty gets no hit from `mesh_query_ray`. None is
+#   lost of those that are aimed at the diagonals of its faces, where two triangles lie in one plane, nor of 100,000
+#   random ones.
 # Seen:
 #   warp-lang 1.19.0
-#   100,000 rays each from inside a closed box of 12 triangles
+#   rays from inside a closed box of 12 triangles
 #   expected: every ray has a hit
-#   seen:     1.1% of those aimed at edges have none; 0.0% of random ones
+#   seen:     1.7% of 66524 aimed at edges of the box have none
+#             0 of 33476 aimed at diagonals of its faces
+#             0 of 100000 random ones
 # In jaxmm: rays meet triangles by kernels of its own, which lose none of such rays; scanners look along regular grids,
 #   where edges are hit often.
 set -euo pipefail
@@ -45,24 +48,30 @@ faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 
 mesh = wp.Mesh(wp.array(corners, dtype=wp.vec3, device="cpu"), wp.array(faces.ravel(), dtype=wp.int32, device="cpu"))
 
 
-def share_lost(start: np.ndarray, direction: np.ndarray) -> float:
+def lost(start: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Which rays have no hit."""
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     found = wp.zeros(RAYS, dtype=wp.int32, device="cpu")
     inputs = [mesh.id, *(wp.array(one.astype(np.float32), dtype=wp.vec3, device="cpu") for one in (start, direction))]
     wp.launch(cast, dim=RAYS, inputs=inputs, outputs=[found], device="cpu")
-    return float(np.mean(found.numpy() == 0))
+    return found.numpy() == 0
 
 
 print("warp-lang", version("warp-lang"))
 rng = np.random.default_rng(0)
 start = rng.uniform(-0.9, 0.9, (RAYS, 3)) * [2.5, 2.0, 1.4]
 face, side, along = rng.integers(0, 12, RAYS), rng.integers(0, 3, RAYS), rng.random((RAYS, 1))
-on_edge = corners[faces[face, side]] * (1.0 - along) + corners[faces[face, (side + 1) % 3]] * along
-print("100,000 rays each from inside a closed box of 12 triangles")
+one, other = corners[faces[face, side]], corners[faces[face, (side + 1) % 3]]
+on_edge, diagonal = one * (1.0 - along) + other * along, (one != other).sum(axis=1) == 2  # of a face, or else an edge
+print("rays from inside a closed box of 12 triangles")
 print("expected: every ray has a hit")
-edges, anywhere = share_lost(start, on_edge - start), share_lost(start, rng.normal(size=(RAYS, 3)))
-print(f"seen:     {edges:.1%} of those aimed at edges have none; {anywhere:.1%} of random ones")
-print("as stated" if edges > 0.002 else "NO LONGER AS STATED")
-sys.exit(0 if edges > 0.002 else 3)
+aimed, anywhere = lost(start, on_edge - start), lost(start, rng.normal(size=(RAYS, 3)))
+edges, diagonals = aimed[~diagonal], aimed[diagonal]
+print(f"seen:     {edges.mean():.1%} of {len(edges)} aimed at edges of the box have none")
+print(f"          {diagonals.sum()} of {len(diagonals)} aimed at diagonals of its faces")
+print(f"          {anywhere.sum()} of {RAYS} random ones")
+stated = 0.005 < edges.mean() < 0.05 and not diagonals.any() and not anywhere.any()
+print("as stated" if stated else "NO LONGER AS STATED")
+sys.exit(0 if stated else 3)
 PY
 WARP_CACHE_PATH=$work/cache env/bin/python check.py

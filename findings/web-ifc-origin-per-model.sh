@@ -87,16 +87,20 @@ const round = (values) => `(${values.map((value) => (Math.round(value * 1000) / 
 console.log("web-ifc", JSON.parse(fs.readFileSync("node_modules/web-ifc/package.json")).version);
 console.log("two walls, a file each: x from 10 to 11 m and from 50 to 51 m; y 20 to 22, z 3 to 7");
 console.log("expected: 40 m apart, with and without COORDINATE_TO_ORIGIN");
-const apart = {};
+const apart = {}, shifts = {};
+let inMetres = false;  // and y up
 for (const toOrigin of [false, true]) {
   const [west, east] = ["west.ifc", "east.ifc"].map((file) => extent(file, toOrigin));
   apart[toOrigin] = east.low[0] - west.low[0];
+  shifts[toOrigin] = [west.shift, east.shift].map(round).join(" ");
+  if (!toOrigin) inMetres = round(west.low) === "(10, 3, -22)" && round(west.high) === "(11, 7, -20)";
   console.log(`seen:     ${toOrigin ? "with" : "without"}: ${apart[toOrigin].toFixed(1)} m apart`);
   for (const [name, { low, high, shift }] of Object.entries({ west, east })) {
     console.log(`          ${name} from ${round(low)} to ${round(high)}, shifted by ${round(shift)}`);
   }
 }
-const stated = Math.abs(apart[false] - 40) < 0.01 && Math.abs(apart[true]) < 0.01;
+const stated = inMetres && Math.abs(apart[false] - 40) < 0.01 && Math.abs(apart[true]) < 0.01 &&
+  shifts[false] === "(0, 0, 0) (0, 0, 0)" && shifts[true] === "(-10, -7, 20) (-50, -7, 20)";
 console.log(stated ? "as stated" : "NO LONGER AS STATED");
 process.exit(stated ? 0 : 3);
 JS
