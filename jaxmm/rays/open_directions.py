@@ -5,7 +5,7 @@ N points of the scan that lie on the prior, with the normals of their surfaces, 
 
 import numpy as np
 
-FACING = 0.5  # least cosine between a normal and a direction that its surface holds
+FACING = 0.25  # least cosine between a normal and a direction that its surface holds
 LEAST_HOLDING = 30  # points, each of a voxel of 0.1 m, that hold a direction
 STEP = 5.0  # [deg] between the directions in plan that are tried
 

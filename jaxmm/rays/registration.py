@@ -14,6 +14,8 @@ import small_gicp
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from jaxmm.rays.open_directions import open_directions
+
 SPACING = 0.1  # [m] both clouds are thinned to it
 NEIGHBOURS = 15  # that tell the normal of a point
 # Reaches [m] within which points are matched, one after the other; which is right depends on how far off the start is.
@@ -23,7 +25,8 @@ CLOSE, UPON = 0.03, 0.015  # [m] off it, up to which it lies closely, and as poi
 UPRIGHT = 0.3  # a surface whose normal rises by less stands
 ALIKE = 0.9  # cosine of the angle between the normals of one surface, at least
 BELIEVED = (0.1, 0.1, 0.1, 0.05, 0.05, 0.05)  # [m, rad] standard deviations of the start
-EXACT = (0.02, 0.02, 0.02, 0.01, 0.01, 0.01)  # the same of a start that fits as it is
+# The same of a start whose walls fit as it is: floors and ceilings, which nobody moves, still tell how high it stands.
+EXACT = (0.02, 0.02, 0.2, 0.05, 0.05, 0.01)
 AS_CLOSE = (1.2, 0.004)  # times, plus [m]: as far off as walls may lie at such a start, of what they lie after a motion
 LEAST_SHARE = 0.1  # of the points on walls, and
 LEAST_WALLS = 30  # points, that must match walls to tell so
@@ -61,6 +64,7 @@ class Registration(NamedTuple):
     lone: float = 0.0  # share of its points that lie on one upright plane
     held: Held | None = None  # where a lone wall moves it far
     left: float = 0.0  # share of its points that lay closely on walls at the start, that lie on none any more
+    open: tuple[tuple[float, float, float], ...] = ()  # directions along which nothing holds its place
 
 
 class _Fit(NamedTuple):
@@ -69,6 +73,7 @@ class _Fit(NamedTuple):
     off: np.ndarray  # (N,) [m] off the surface next to each, inf where none is near
     wall: np.ndarray  # (N,) bool: points on walls and the like
     on_wall: np.ndarray  # (N,) bool: of those, the points that match a wall
+    matches: np.ndarray  # (N,) bool: points that match a surface as steep as theirs
 
     def upon(self, most: float) -> np.ndarray:
         """(N,) bool: points that match a wall and are at most so far [m] off it."""
@@ -132,8 +137,10 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
     start = _fit(cloud, normals, np.eye(4))
     best = _cheapest(cloud, motions, BELIEVED)
     if _fits_as_it_is(start, _fit(cloud, normals, best)):
+        motions += [_upright_part(motion) for motion in motions[1:]]
         best = _cheapest(cloud, motions, EXACT)
-        best = _cheapest(cloud, [np.eye(4), best], EXACT, CLOSE)  # nor does what lies closely come off it
+        # Nor does what lies closely come off it.
+        best = _cheapest(cloud, [np.eye(4), _upright_part(best), best], EXACT, CLOSE)
     found = _fit(cloud, normals, best)
     about = _shifted(centre) @ best @ _shifted(-centre)
     asked = found
@@ -150,6 +157,7 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
     return Registration(
         about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely,
         _on_one_plane(cloud[0], normals), held, _left(start, found),
+        open_directions((normals @ best[:3, :3].T)[found.matches]),
     )  # fmt: skip
 
 
@@ -187,7 +195,8 @@ def _fit(cloud: tuple, normals: np.ndarray, motion: np.ndarray) -> _Fit:
     normals = normals @ motion[:3, :3].T
     wall = np.abs(normals[:, 2]) < UPRIGHT
     alike = np.abs(np.einsum("nc,nc->n", normals, facing)) > ALIKE
-    return _Fit(off, wall, wall & alike & (np.abs(off) < CUT))
+    matches = alike & (np.abs(off) < CUT)
+    return _Fit(off, wall, wall & matches, matches)
 
 
 def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
@@ -240,6 +249,14 @@ def _on_one_plane(points: np.ndarray, normals: np.ndarray) -> float:
         return float(np.mean(near & alike & (np.abs(normals[:, 2]) < UPRIGHT)))
 
     return max(map(share, tried), default=0.0)
+
+
+def _upright_part(motion: np.ndarray) -> np.ndarray:
+    """What of a motion raises and tilts, without its step and turn in plan."""
+    step = _step_of(motion)
+    kept = np.eye(4)
+    kept[:3, :3], kept[2, 3] = Rotation.from_rotvec([*step[3:5], 0.0]).as_matrix(), step[2]
+    return kept
 
 
 def _cheapest(cloud: tuple, motions: list[np.ndarray], believed: tuple[float, ...], cut: float = CUT) -> np.ndarray:

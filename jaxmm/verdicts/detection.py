@@ -64,9 +64,9 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     """
     beyond_thesis, watch = settings.preset != "thesis", _Watch()
     if settings.settle and beyond_thesis:
-        prior, scans = without_stray(prior), [_settled(one) for one in scans]
+        prior, scans = without_stray(prior), [settled_scan(one) for one in scans]
     watch.lap("settling")
-    placed = [_placed(prior, one, settings) for one in scans]
+    placed = [placed_scan(prior, one, settings) for one in scans]
     outdoors = [is_outdoors(prior, one.scan.position) for one in placed]
     scans = [
         one._replace(notes=(*one.notes, OUTDOORS)) if is_out else one
@@ -134,7 +134,8 @@ def _looked_at(
     return looked, told
 
 
-def _settled(one: NamedScan) -> NamedScan:
+def settled_scan(one: NamedScan) -> NamedScan:
+    """A scan whose ranges have settled, with what is to be said of that."""
     found = settled(one.scan)
     if found.scan is one.scan and not found.stray:
         return one
@@ -149,7 +150,12 @@ def _settled(one: NamedScan) -> NamedScan:
     return one._replace(scan=found.scan, notes=(*one.notes, note))
 
 
-def _placed(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
+def placed_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
+    """A scan where it fits the prior best, with its doubts.
+
+    Raises:
+        InputError: it does not fit; the line names its file.
+    """
     try:
         rays = rays_of_scan(one.scan)
         if prior.has_elements:
@@ -290,7 +296,8 @@ def _records(
         }  # fmt: skip
         pose = _pose_of(fit.scan, prior.origin)
         records.append(ScanRecord(
-            one.file, one.points, pose, one.pose_source, one.deviation, registration, changed, (*one.notes, *fit.notes),
+            one.file, one.points, pose, one.pose_source, one.deviation, registration, changed,
+            (*one.notes, *fit.notes, *fit.open),
             int(shows[number]), int(alone[number]), (*one.doubts, *fit.notes),
         ))  # fmt: skip
     return tuple(records)

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxmm.config import bounded
 from jaxmm.inputs import Misfit
+from jaxmm.rays.open_directions import in_words
 from jaxmm.rays.registration import MOST_LEFT, Registration, register
 from jaxmm.rays.scan_rays import PosedScan
 
@@ -43,6 +44,7 @@ class Placed(NamedTuple):
     overlap: float  # share of the points that match
     overlap_before: float
     notes: tuple[str, ...] = ()  # what speaks against it
+    open: tuple[str, ...] = ()  # what is to be said of directions along which nothing holds its place
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +113,13 @@ def place(
     )
     angle = float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
     shift = float(np.linalg.norm(moved.position - scan.position))
-    return Placed(moved, shift, angle, fit.residual, fit.overlap, before, _doubts(found, shift, limits))
+    doubts = _doubts(found, shift, limits)
+    return Placed(moved, shift, angle, fit.residual, fit.overlap, before, doubts, _open_words(found))
+
+
+def _open_words(found: Registration) -> tuple[str, ...]:
+    ways = " and ".join(map(in_words, found.open))
+    return (f"nothing that it sees holds its place {ways}: there its pose was believed as it is",) if ways else ()
 
 
 def _refusal(found: Registration, limits: FitLimits) -> str:

@@ -127,7 +127,7 @@ def test_walls_that_match_by_chance_do_not_lie_closely(lying, by_chance):
     kind, off = rng.random(40_000), rng.uniform(-CUT, CUT, 40_000)
     off[kind < lying] = rng.normal(0.0, 0.005, np.sum(kind < lying))
     for asked in (wall, wall & (np.arange(40_000) % 4 == 0)):  # all walls, or those that a cloud could show
-        fit = _Fit(off, asked, wall & (kind < lying + by_chance))
+        fit = _Fit(off, asked, wall & (kind < lying + by_chance), asked)
         assert fit.closely == pytest.approx(lying, abs=0.02)
         assert fit.upright == pytest.approx(lying + by_chance, abs=0.02)
 
@@ -135,7 +135,7 @@ def test_walls_that_match_by_chance_do_not_lie_closely(lying, by_chance):
 def test_few_points_on_walls_or_none_tell_nothing():
     for count in (0, LEAST_WALLS - 1, LEAST_WALLS):
         wall = np.arange(1000) < count
-        assert _Fit(np.zeros(1000), wall, wall).closely == float(count >= LEAST_WALLS)
+        assert _Fit(np.zeros(1000), wall, wall, wall).closely == float(count >= LEAST_WALLS)
 
 
 def before_a_wall(off):
@@ -170,3 +170,13 @@ def test_a_lining_before_a_wall_moves_no_scan_half_the_way(off):
     prior = np.concatenate([wall, aside, behind])
     scan = np.concatenate([few, lining[np.abs(lining[:, 1]) < 2.0], aside, behind])
     np.testing.assert_allclose(register(scan, prior, np.zeros(3)).motion, np.eye(4), atol=0.01)
+
+
+@pytest.mark.parametrize("raised", [-0.06, 0.04])
+def test_a_scan_that_is_raised_comes_down_though_its_walls_fit_as_they_are(scans, raised):
+    """Walls fit at any height; floor and ceiling tell it."""
+    for _, true, prior, sensor in scans[:8]:
+        lifted = true + np.array([0.0, 0.0, raised])
+        found = register(lifted, prior, sensor)
+        if not any(way[2] for way in found.open):
+            assert abs(np.median(moved(lifted, found.motion)[:, 2] - true[:, 2])) < 0.01

@@ -1,0 +1,162 @@
+"""Given poses that are wrong: are they put right, refused, doubted, or believed?
+
+    python -m benchmarks.poses [--ifc FOLDER] [--rooms 10] [--json FILE]     ten minutes
+
+Scans of generated validation rooms (`varied`), unchanged and with changes, and with --ifc from places in IFC files, by
+sensors as built. Their poses are off by up to 0, 0.1 and 0.5 m, 0, 2 and 10 degrees of yaw, and 0, 1 and 3 degrees of
+pitch and roll. *Right* is within 3 cm and 0.5 degrees; *open* is wrong, but the report says along which direction
+nothing holds the place; *believed* is wrong without a word. The peer is plain GICP (small_gicp) from the same start on
+the same surfaces, which refuses nothing. Prints Markdown.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import small_gicp
+from scipy.spatial.transform import Rotation
+
+from benchmarks.building_views import scanned
+from benchmarks.command_line import CommandLine
+from benchmarks.timing import write_report
+from jaxmm.inputs import InputError
+from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
+from jaxmm.runs.room_scans import room_cases
+from jaxmm.verdicts.building_evidence import surfaces_along
+from jaxmm.verdicts.detection import NamedScan, placed_scan, settled_scan
+from jaxmm.verdicts.priors import Prior, read_prior
+from jaxmm.verdicts.settings import DetectSettings
+from warp_scanner import draws
+from warp_scanner.buildings.positions import draw_positions
+from warp_scanner.rooms.standing import Standing
+from warp_scanner.sensors.poses import Pose
+from warp_scanner.sensors.sensors import sensor_named
+
+SEED = 42  # of validation
+ERRORS = ((0.0, 0.0, 0.0), (0.1, 2.0, 1.0), (0.5, 10.0, 3.0))  # most [m], [deg] of yaw, [deg] of pitch and roll
+RIGHT = 0.03, 0.5  # [m], [deg]
+SPACING, REACH = 0.1, 1.0  # [m] of the peer's clouds, and within which it matches points
+FULL = {
+    "sensors": ("oak-d-pro-real", "ouster-64-real"),
+    "scenes": ("unchanged", "wall_removed", "all_four"),
+    "rooms": 10,
+}
+SMOKE = {"sensors": ("oak-d-pro-real",), "scenes": ("unchanged",), "rooms": 1}
+KINDS = ("right", "refused or doubted", "open", "believed")
+
+
+class View(NamedTuple):
+    """A scan with its true pose, and the model that it is of."""
+
+    prior: Prior
+    scan: PosedScan
+
+
+def room_views(sensor: str, scene: str, count: int) -> Iterator[View]:
+    """Of generated rooms."""
+    for case in room_cases(scene, "occluded", SEED, range(count), sensor=sensor):
+        yield View(case.prior, case.scan)
+
+
+def building_views(folder: Path, sensor: str, count: int) -> Iterator[View]:
+    """Of every IFC file in a folder, from places inside of it."""
+    for path in sorted(folder.glob("*.ifc")):
+        prior = read_prior(path)
+        pose, found = draw_positions(
+            prior.building, prior.scene, Standing(height=(1.0, 1.8)), draws.keys(SEED, np.arange(3 * count))
+        )
+        present = np.ones(len(prior.building.elements.guid), bool)
+        for number in np.flatnonzero(found)[:count]:
+            one = Pose(*(field[number : number + 1] for field in pose))
+            yield View(prior, scanned(prior.scene, present, (sensor_named(sensor), one), (SEED, int(number)))[0])
+
+
+def disturbed(scan: PosedScan, most: tuple[float, float, float], rng: np.random.Generator) -> PosedScan:
+    """The scan as it would lie with a pose that is off by up to `most`."""
+    position = np.asarray(scan.position, np.float64)
+    shift = rng.normal(size=3)
+    shift *= most[0] * rng.uniform() / np.linalg.norm(shift)
+    angles = rng.uniform(-1.0, 1.0, 3) * (most[1], most[2], most[2])
+    turn = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
+    points = (scan.points.astype(np.float64) - position) @ turn.T + position + shift
+    return scan._replace(points=points.astype(np.float32), position=position + shift, rotation=turn @ scan.rotation)
+
+
+def outcome(view: View, believed: PosedScan) -> str:
+    """Which of KINDS our registration makes of it."""
+    try:
+        one = settled_scan(NamedScan(believed, "scan", len(believed.points), "given"))
+        placed = placed_scan(view.prior, one, DetectSettings())
+    except InputError:
+        return "refused or doubted"
+    if is_right(view.scan, placed.scan.position, placed.scan.rotation):
+        return "right"
+    return "refused or doubted" if placed.notes else "open" if placed.open else "believed"
+
+
+def by_peer(view: View, believed: PosedScan) -> str:
+    """The same of plain GICP."""
+    surfaces = surfaces_along(view.prior.scene, rays_of_scan(believed)).astype(np.float64)
+    if len(surfaces) < 100:
+        return "believed"
+    centre = np.asarray(believed.position, np.float64)
+    target, tree = small_gicp.preprocess_points(surfaces - centre, downsampling_resolution=SPACING)
+    source, _ = small_gicp.preprocess_points(
+        believed.points.astype(np.float64) - centre, downsampling_resolution=SPACING
+    )
+    motion = small_gicp.align(
+        target, source, tree, registration_type="GICP", max_correspondence_distance=REACH
+    ).T_target_source
+    position = centre + motion[:3, 3]
+    return "right" if is_right(view.scan, position, motion[:3, :3] @ believed.rotation) else "believed"
+
+
+def is_right(true: PosedScan, position: np.ndarray, rotation: np.ndarray) -> bool:
+    apart = np.asarray(rotation, np.float64) @ np.asarray(true.rotation, np.float64).T
+    angle = np.degrees(np.arccos(np.clip((np.trace(apart) - 1.0) / 2.0, -1.0, 1.0)))
+    return bool(np.linalg.norm(position - true.position) <= RIGHT[0] and angle <= RIGHT[1])
+
+
+def row_of(case: str, views: list[View], most: tuple[float, float, float]) -> dict[str, Any]:
+    """Shares of all views, one error of each."""
+    rng = np.random.default_rng(SEED)
+    starts = [disturbed(view.scan, most, rng) for view in views]
+    ours, peer = (
+        Counter(tell(view, start) for view, start in zip(views, starts, strict=True)) for tell in (outcome, by_peer)
+    )
+    shares = {kind: ours[kind] / len(views) for kind in KINDS}
+    return {
+        "case": case, "up_to": list(most), "views": len(views), **shares,
+        "peer_right": peer["right"] / len(views), "peer_name": "GICP (small_gicp)",
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_argument("--ifc", type=Path, metavar="FOLDER", help="also from places in the IFC files of a folder")
+    parser.add_argument("--rooms", type=int, metavar="N", help="of each scene, and places of each file")
+    parser.add_json()
+    asked = parser.parse_args()
+    cases = {
+        f"rooms, {scene}, {sensor}": list(room_views(sensor, scene, asked.rooms))
+        for sensor in asked.sensors
+        for scene in asked.scenes
+    }
+    if asked.ifc:
+        cases |= {f"IFC files, {one}": list(building_views(asked.ifc, one, asked.rooms)) for one in asked.sensors}
+    print(f"| views | off by up to | {' | '.join(KINDS)} | GICP alone: right |\n|{' --- |' * (len(KINDS) + 3)}")
+    rows = []
+    for case, views in cases.items():
+        for most in ERRORS:
+            row = row_of(f"{case} ({len(views)})", views, most)
+            told = " | ".join(f"{row[kind]:.2f}" for kind in KINDS)
+            print(f"| {row['case']} | {most[0]:g} m, {most[1]:g}° | {told} | {row['peer_right']:.2f} |", flush=True)
+            rows.append(row)
+    if asked.json:
+        write_report(asked.json, rows, "small-gicp")
+
+
+if __name__ == "__main__":
+    main()
