@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+import jaxmm.reports.notebook  # noqa: F401 - with it, notebooks show a detection
 from jaxmm.files import check_empty, write_folder
 from jaxmm.formats.poses import GivenPose
 from jaxmm.formats.readers import PointScan, read_scans
@@ -19,7 +20,6 @@ from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
 from jaxmm.reports.bcf import write_bcf
 from jaxmm.reports.detection_figures import write_figures
-from jaxmm.reports.notebook import detection_html
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
 from jaxmm.verdicts.alignment import FRAMES, OwnScan, fitting_prior, frame_that_fits, lay, own_scan
@@ -37,9 +37,6 @@ ESTIMATED_FROM = 0.1  # [m] voxels of the cloud that a viewpoint is estimated fr
 ESTIMABLE = (
     "only a camera's can be, here of one that sees {:g} x {:g} degrees (--sensor); no scanner's that looks around"
 )
-
-# Notebooks ask the object itself; the type stays free of what draws.
-Detection._repr_html_ = detection_html
 
 
 @dataclasses.dataclass(frozen=True)

@@ -91,3 +91,7 @@ def _elements(detection: Detection, verdict: str) -> str:
     more = f"<p>and {len(chosen) - MOST_LISTED} more</p>" if len(chosen) > MOST_LISTED else ""
     table = _table((*columns, "next viewpoint x, y, z [m]") if verdict == OCCLUDED else columns, rows)
     return f"<details><summary>{len(chosen)} {verdict}</summary>{table}{more}</details>"
+
+
+# Notebooks ask the object itself; the type stays free of what draws.
+Detection._repr_html_ = detection_html
