@@ -15,7 +15,7 @@ from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.range_noise import LEAST_POINTS, nearest_rays, settled, step_of
 from jaxmm.rays.scan_rays import MOST_RAYS, PosedScan
 from jaxmm.runs.room_scans import room_cases, true_boxes
-from jaxmm.verdicts.detection import NamedScan, _settled, detect_scans
+from jaxmm.verdicts.detection import NamedScan, detect_scans, settled_scan
 from jaxmm.verdicts.results import box_of
 from jaxmm.weights import DEFAULT
 from tests.cases.exact_poses import AS_IS
@@ -131,7 +131,7 @@ def test_a_note_tells_what_was_done_to_ranges(room):
     millimetres = scan._replace(points=np.round(scan.points, 3))
     noisy = scan_of(direction, mixed(reach + 0.03 * np.random.default_rng(0).standard_normal(len(reach)))[0])
     for one, words in ((millimetres, False), (noisy, True)):
-        (note,) = _settled(NamedScan(one, "a", len(one.points), "given")).notes
+        (note,) = settled_scan(NamedScan(one, "a", len(one.points), "given")).notes
         assert note.startswith("its ranges err by ") and ("settled on the planes" in note) == words
     assert ": settled on the planes around them; " in note and "% of the points, between surfaces" in note
 
@@ -222,7 +222,7 @@ def test_what_is_no_room_is_given_back_as_it_is(room):
     )
     found = settled(leaves)
     assert found.scan is leaves and found.stray > 0.2
-    (note,) = _settled(NamedScan(leaves, "scan", len(leaves.points), "given")).notes
+    (note,) = settled_scan(NamedScan(leaves, "scan", len(leaves.points), "given")).notes
     assert re.match(r"\d\d% of its points are on no plane", note)
     anywhere = PosedScan(rng.uniform(-9, 9, (4000, 3)).astype(np.float32), np.zeros(3), np.eye(3))
     assert settled(anywhere).scan is anywhere
@@ -243,7 +243,7 @@ def test_leaves_do_not_hide_how_ranges_err(room, share):
 def test_how_much_they_err_is_told_in_millimetres(room, sigma, words):
     direction, reach = room
     scan = scan_of(direction, reach + sigma * np.random.default_rng(0).standard_normal(len(reach)))
-    (note,) = _settled(NamedScan(scan, "scan", len(reach), "given")).notes
+    (note,) = settled_scan(NamedScan(scan, "scan", len(reach), "given")).notes
     assert re.match(f"its ranges err by {words}[:;]", note), note
 
 
