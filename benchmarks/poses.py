@@ -127,9 +127,10 @@ def row_of(case: str, views: list[View], most: tuple[float, float, float]) -> di
         Counter(tell(view, start) for view, start in zip(views, starts, strict=True)) for tell in (outcome, by_peer)
     )
     shares = {kind: ours[kind] / len(views) for kind in KINDS}
+    mine, theirs = shares["right"], peer["right"] / len(views)
     return {
-        "case": case, "up_to": list(most), "views": len(views), **shares,
-        "peer_right": peer["right"] / len(views), "peer_name": "GICP (small_gicp)",
+        "case": case, "up_to": list(most), "views": len(views), **shares, "ours": mine, "peer": theirs,
+        "peer_name": "GICP (small_gicp)", "unit": "share right", "ratio": mine / theirs if theirs else None,
     }  # fmt: skip
 
 
@@ -152,7 +153,7 @@ def main() -> None:
         for most in ERRORS:
             row = row_of(f"{case} ({len(views)})", views, most)
             told = " | ".join(f"{row[kind]:.2f}" for kind in KINDS)
-            print(f"| {row['case']} | {most[0]:g} m, {most[1]:g}° | {told} | {row['peer_right']:.2f} |", flush=True)
+            print(f"| {row['case']} | {most[0]:g} m, {most[1]:g}° | {told} | {row['peer']:.2f} |", flush=True)
             rows.append(row)
     if asked.json:
         write_report(asked.json, rows, "small-gicp")
