@@ -128,9 +128,10 @@ def row_of(case: str, views: list[View], most: tuple[float, float, float]) -> di
     )
     shares = {kind: ours[kind] / len(views) for kind in KINDS}
     mine, theirs = shares["right"], peer["right"] / len(views)
+    more = 1.0 / len(views)  # one right view more for each, so that the ratio is finite
     return {
         "case": case, "up_to": list(most), "views": len(views), **shares, "ours": mine, "peer": theirs,
-        "peer_name": "GICP (small_gicp)", "unit": "share right", "ratio": mine / theirs if theirs else None,
+        "peer_name": "GICP (small_gicp)", "unit": "share right", "ratio": (mine + more) / (theirs + more),
     }  # fmt: skip
 
 
