@@ -13,8 +13,8 @@ import pytest
 
 import jaxmm
 from jaxmm.commands.cli import _glued, _parser
-from jaxmm.config import parse
-from jaxmm.verdicts.settings import CLASSES, load_settings
+from jaxmm.config import Config, parse
+from jaxmm.verdicts.settings import CLASSES, DetectSettings, load_settings
 from warp_scanner.sensors.sensors import PRESETS, sensor_of
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -156,12 +156,16 @@ def test_settings_are_read(path, tmp_path):
     for text in blocks(path, "toml"):
         table = tomllib.loads(text)
         if "kind" in table:
-            sensor_of(table, path.name)
+            assert sensor_of(table, path.name).range_limits == tuple(table["range_limits"])
         elif "classes" in table:
             (tmp_path / "settings.toml").write_text(text)
-            load_settings(tmp_path / "settings.toml")
+            read = load_settings(tmp_path / "settings.toml")
+            assert read != DetectSettings() and read.classes == tuple(table["classes"])
         else:
-            parse(text, path.name)
+            read = parse(text, path.name)
+            assert read != Config() and {
+                name for name in table if getattr(read, name) != getattr(Config(), name)
+            } == set(table)
 
 
 @pytest.fixture(scope="module")

@@ -106,13 +106,13 @@ def own_scan(scan: PointScan, given: GivenPose | None, frame: str) -> OwnScan:
 
 def frame_that_fits(prior: Prior, scan: PointScan, given: GivenPose | None, frame: str, unit: float | None) -> str:
     """Another frame than `frame` in which far more of a scan lies on the prior, from the same pose; "" for none."""
-    shares = {}
+    shares, distance = {}, distance_from(prior)
     for other in FRAMES:
         try:
             own = own_scan(scan, given, other)
         except InputError:  # without a pose there are no other frames
             return ""
-        shares[other] = fit_of(own.points, _from_scan(own, distance_from(prior)), unit).on
+        shares[other] = fit_of(own.points, _from_scan(own, distance), unit).on
     best = max(shares, key=shares.get)
     return best if best != frame and shares[best] > max(LEAST, 2.0 * shares[frame]) else ""
 

@@ -180,3 +180,19 @@ def test_a_scan_that_is_raised_comes_down_though_its_walls_fit_as_they_are(scans
         found = register(lifted, prior, sensor)
         if not any(way[2] for way in found.open):
             assert abs(np.median(moved(lifted, found.motion)[:, 2] - true[:, 2])) < 0.01
+
+
+def test_a_corridor_is_told_by_its_direction_and_a_room_tells_none():
+    """Planes of points, 12 m long: two walls, a floor and a ceiling; and the same with both ends."""
+    rng, turn = np.random.default_rng(4), np.radians(30.0)
+    along, beside, up = rng.uniform(-6, 6, 40_000), rng.uniform(-1.2, 1.2, 40_000), rng.uniform(0, 3, 40_000)
+    side, end = rng.choice([-1.0, 1.0], (2, 40_000))
+    corridor = np.concatenate(
+        [np.column_stack([along, 1.2 * side, up]), np.column_stack([along, beside, 1.5 + 1.5 * end])]
+    )
+    room = np.concatenate([corridor, np.column_stack([6.0 * end, beside, up])])
+    rotation = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    eye = np.array([0.3, 0.2, 1.4])
+    (way,) = register(corridor @ rotation.T, corridor @ rotation.T, rotation @ eye).open
+    assert abs(np.dot(way, rotation[:, 0])) > np.cos(np.radians(6.0))
+    assert register(room @ rotation.T, room @ rotation.T, rotation @ eye).open == ()
