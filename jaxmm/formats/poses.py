@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -63,7 +64,7 @@ def read_poses(words: list[str]) -> list[GivenPose | None]:
         path = Path(word)
         if path.suffix.lower() == ".json":
             found += _from_json(path)
-        elif word != OWN and path.is_file():
+        elif word != OWN and os.path.isfile(word):  # which bears names that no file can have
             found += _from_trajectory(path)
         else:
             found.append(None if word == OWN else parse_pose(word, f"{FORM}, or {OWN}, or a file"))

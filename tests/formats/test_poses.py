@@ -135,3 +135,10 @@ def test_what_is_no_trajectory_is_refused_in_one_line(tmp_path, line):
     with pytest.raises(InputError, match=r"poses\.tum: .*TUM") as told:
         read_poses([str(path)])
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("word", ["1," * 400, "x" * 5000, "a\0b", ".", ""])
+def test_words_that_no_file_can_be_called_are_no_poses(word):
+    with pytest.raises(InputError, match="--pose: expected") as told:
+        read_poses([word])
+    assert "\n" not in str(told.value)
