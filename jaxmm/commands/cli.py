@@ -287,7 +287,3 @@ def _scan(options: argparse.Namespace) -> None:
 
 def _run_folder(options: argparse.Namespace) -> Path:
     return options.out or Path("runs") / options.config.stem
-
-
-if __name__ == "__main__":
-    sys.exit(main())
