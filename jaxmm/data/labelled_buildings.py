@@ -18,7 +18,8 @@ from jaxmm.data.preprocessed_pairs import Sides, sides_of
 from jaxmm.data.simulator_settings import CloudSource, pair_config
 from jaxmm.learning.batches import LabelledCloud
 from jaxmm.learning.room_scores import RoomTruth
-from jaxmm.rays.evidence import features_of, margins, noise_of, sigma_at
+from jaxmm.rays.evidence import features_of, margins
+from jaxmm.rays.noise_model import noise_of, sigma_at
 from jaxmm.rays.pair_evidence import EVERY, Expected, frames_of, prior_views, robot_view_of
 from warp_scanner.buildings.pairs import BuildingPairConfig, make_building_pairs
 from warp_scanner.clouds.points import points_of

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN, Frame, View, frame_of, margins, noise_of, sigma_at
+from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN, Frame, View, frame_of, margins
+from jaxmm.rays.noise_model import noise_of, sigma_at
 from jaxmm.rays.pools import normals_of
 from warp_scanner.clouds.sightlines import Targets, look, sort_directions
 

@@ -32,10 +32,7 @@ FEATURES = (
 )  # fmt: skip
 
 BASE_MARGIN = 0.03  # [m] of ranges without errors
-GROWING = (0.0, 0.25, 0.5, 0.75, 1.0)  # parts of the noise that may grow with the square of the range
 EXPLAINED = 0.5  # of a point's rays must support it, or it is in need of an explanation
-MOST_SHIFT = 0.1  # [m] that ranges may be off to one side because the pose is; more is a change
-HEAPS = 6.0  # times the median deviation from the nearer of two heaps of ranges, that these are apart
 SIGMAS = 3.0  # errors of ranges that the margin covers
 LEAST_COSINE = 0.15  # beyond this incidence the margin grows no further
 MOST_MARGIN = 1.0  # [m]
@@ -59,13 +56,6 @@ class View(NamedTuple):
     def at(self, chosen: np.ndarray) -> "View":
         """The view of some of its points, (n,) int or (N,) bool."""
         return View(*(None if field is None else field[chosen] for field in self))
-
-
-class Noise(NamedTuple):
-    """How ranges err: the standard deviation at range r is `constant` + `growth` r^2."""
-
-    constant: float  # [m]
-    growth: float  # [1/m]
 
 
 class Heights(NamedTuple):
@@ -103,43 +93,6 @@ def frame_of(sensor: np.ndarray, directions: np.ndarray, floor: float, ceiling: 
     empty = top < bottom
     top[empty] = bottom[empty] = np.nan
     return Frame(np.asarray(sensor, np.float64), float(floor), float(ceiling), top, bottom)
-
-
-def noise_of(residual: np.ndarray, cosine: np.ndarray, reach: np.ndarray) -> Noise:
-    """The noise of measured less expected ranges, of rays that meet what they should.
-
-    What changed and what stands in front is cut off at half a metre, and medians do not heed the rest. Where their own
-    median is farther off than a pose may be, as of a wall that moved and fills the view, deviations count from there;
-    of what stayed, which may be nearly half of them, from none.
-    Of noises that grow with the square of the range in part, not at all or wholly, it is the likeliest.
-
-    Args:
-        residual: (N,) [m], NaN or infinite where nothing is known.
-        cosine: (N,) of the incidence.
-        reach: (N,) expected ranges [m].
-    """
-    near = np.isfinite(residual) & (np.abs(residual) < 0.5) & (cosine > 0.3) & np.isfinite(reach)
-    if not near.any():
-        return Noise(0.0, 0.0)
-    middle = float(np.median(residual[near]))
-    off, square = np.abs(residual[near]), np.square(reach[near])
-    if abs(middle) > MOST_SHIFT:
-        there = np.abs(residual[near] - middle)
-        either = np.minimum(off, there)
-        off = either if float(np.median(either)) <= abs(middle) / HEAPS else there
-    best = (np.inf, Noise(0.0, 0.0))
-    for part in GROWING:
-        shape = (1.0 - part) + part * square / square.mean()
-        sigma = 1.4826 * float(np.median(off / shape))
-        if sigma > 0.0:
-            surprise = float(np.mean(np.log(shape * sigma) + np.minimum(off / (shape * sigma), SIGMAS)))
-            best = min(best, (surprise, Noise(sigma * (1.0 - part), sigma * part / float(square.mean()))))
-    return best[1]
-
-
-def sigma_at(noise: Noise, reach: np.ndarray) -> np.ndarray:
-    """Standard deviation (N,) [m] of ranges of some lengths (N,) [m]; infinite ones count as none."""
-    return noise.constant + noise.growth * np.square(np.where(np.isfinite(reach), reach, 0.0))
 
 
 def margins(cosine: np.ndarray, sigma: np.ndarray | float) -> np.ndarray:

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.rays.evidence import Frame, Noise, View, frame_of, margins, noise_of, sigma_at
+from jaxmm.rays.evidence import Frame, View, frame_of, margins
+from jaxmm.rays.noise_model import Noise, noise_of, sigma_at
 from jaxmm.rays.views import Along, view_of_prior, view_of_robot
 from warp_scanner.clouds.points import Kept
 from warp_scanner.clouds.sightlines import Looks, Predicted, Targets, look, sort_directions

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import small_gicp
 
-from jaxmm.rays.evidence import SIGMAS, noise_of, sigma_at
+from jaxmm.rays.evidence import SIGMAS
+from jaxmm.rays.noise_model import noise_of, sigma_at
 from jaxmm.rays.scan_rays import PosedScan, drawn
 from warp_scanner.clouds.planes import FEW, on_planes
 from warp_scanner.launches import thread_count
@@ -24,7 +25,10 @@ ALIKE, ALIKE_SHARE = 0.05, 0.02  # [m], and of the range: what differs by less t
 LEAST_ALIKE, LEAST_AROUND = 7, 16  # of NEIGHBOURS: in a trail fewer ranges are alike, and fewer on one plane
 MOST_LEFT = 0.04  # [m] after they have settled once; with more, those of any slanting surface are unlike
 MOST_STRAY = 0.2  # share of the points; of a scan with more, planes tell nothing
-SAMPLED = 6000  # rays that tell of the noise
+SAMPLED, BANDS = 6000, 12  # rays that tell of the noise, as many of each band of ranges: few are far, and tell most
+MOST_MOVED = 2.5  # times the standard deviation, which is known to a sixth: no range moves by more than three
+OWN_SIGMAS = 2.0  # off the plane of others that a ray without one may be
+AMID, AMID_SHARE = 40, 0.6  # rays that were kept, closest to one that was not, and the share that must share its plane
 AROUND = 0.5  # [m] within which ranges may err
 EXACT = 2.5e-5  # [m] from a plane, of a fifth of the rays that tell: as with a normal error of 0.1 mm
 LEAST_EXACT = 0.2  # share of these rays, for much of a room may be round
@@ -73,7 +77,11 @@ def settled(scan: PosedScan) -> Settled:
             return Settled(scan, 0.0, 0.0)
         sigma = float(np.hypot(sigma, rounding))
     near = nearest_rays(tree, direction, NEIGHBOURS)
-    distance = _distances(direction, reach, np.hypot(sigma_at(noise, reach), rounding), near)
+    own = np.hypot(sigma_at(noise, reach), rounding)
+    distance = _amid_a_plane(direction, reach, own, _distances(direction, reach, own, near))
+    distance = np.where(
+        np.isfinite(distance), np.clip(distance, reach - MOST_MOVED * own, reach + MOST_MOVED * own), np.inf
+    )
     kept = np.isfinite(distance)
     stray = float(1.0 - kept.mean())
     if stray > MOST_STRAY:
@@ -100,6 +108,26 @@ def _distances(direction: np.ndarray, reach: np.ndarray, sigma: np.ndarray, near
         rows = rows[(left[rows] < MOST_LEFT) & np.isfinite(distance[rows])]
         trail = _trailing(rows, direction, distance, LEAST_MARGIN + SIGMAS * LEFT_TWICE * sigma, near)
         distance[trail] = np.inf
+    return distance
+
+
+def _amid_a_plane(direction: np.ndarray, reach: np.ndarray, sigma: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """The ranges (N,) [m], inf of what was left out, with those of it that lie on the plane of kept rays around them.
+
+    Between leaves only a few rays meet a wall, and none has enough of its own beside it. What hangs between surfaces
+    lies on neither.
+    """
+    kept, rows = np.flatnonzero(np.isfinite(distance)), np.flatnonzero(np.isinf(distance))
+    if len(kept) < AMID or not len(rows):
+        return distance
+    tree = small_gicp.KdTree(direction[kept], num_threads=thread_count(None))
+    near = np.column_stack([rows.astype(np.int32), kept[nearest_rays(tree, direction[rows], AMID)].astype(np.int32)])
+    margin = LEAST_MARGIN + np.where(np.isfinite(distance), SIGMAS * LEFT, OWN_SIGMAS) * sigma
+    found = on_planes(direction, np.where(np.isfinite(distance), distance, reach), margin, near, rows)
+    # A ray on no plane comes back as it was, whatever stands beside it.
+    there = (found.support >= AMID_SHARE * AMID) & (found.distance != reach[rows].astype(np.float32))
+    distance = distance.copy()
+    distance[rows[there]] = np.where(sigma[rows] > LEAST_GAIN, found.distance, reach[rows])[there]
     return distance
 
 
@@ -150,10 +178,22 @@ def nearest_rays(tree: small_gicp.KdTree, direction: np.ndarray, count: int) -> 
 
 def _off_planes(tree: small_gicp.KdTree, direction: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """By how much some ranges are off the planes around them (n,) [m], and those ranges (n,) [m]."""
-    chosen = np.random.default_rng(0).choice(len(reach), min(len(reach), SAMPLED), replace=False)
+    chosen = _of_all_ranges(reach)
     near = nearest_rays(tree, direction[chosen], OF_NOISE)
     found = on_planes(direction, reach, np.full(len(reach), AROUND), near, chosen)
     told = found.support >= FEW
     # The plane gives way to the ray itself: in their middle, by its share of them.
     off = (reach[chosen] - found.distance)[told] / np.sqrt(1.0 - 1.0 / found.support[told])
     return off, reach[chosen][told]
+
+
+def _of_all_ranges(reach: np.ndarray) -> np.ndarray:
+    """Some of the ranges (N,) [m]: half of any, half as many of each band as of any other."""
+    rng = np.random.default_rng(0)
+    chosen = rng.permutation(len(reach))
+    if len(reach) <= SAMPLED:
+        return chosen
+    far, rest = np.log(reach), chosen[SAMPLED // 2 :]
+    band = np.digitize(far[rest], np.linspace(far.min(), far.max(), BANDS + 1)[1:-1])
+    of_each = [rest[band == one][: SAMPLED // (2 * BANDS)] for one in range(BANDS)]
+    return np.concatenate([chosen[: SAMPLED // 2], *of_each])

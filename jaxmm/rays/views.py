@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH, Noise, View, margins, sigma_at
+from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH, View, margins
+from jaxmm.rays.noise_model import Noise, sigma_at
 
 OPEN = 5.0  # [m] beyond the robot's point, where the prior has nothing at all
 

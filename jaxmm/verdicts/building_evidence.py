@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.rays.evidence import Frame, Noise, View, margins, noise_of, sigma_at
+from jaxmm.rays.evidence import Frame, View, margins
+from jaxmm.rays.noise_model import Noise, noise_of, sigma_at
 from jaxmm.rays.pair_evidence import EVERY, FOOTPRINT, MOST_ANGLE
 from jaxmm.rays.scan_rays import ScanRays, frame_of_rays, measured_points
 from jaxmm.rays.views import Along, view_of_prior, view_of_robot

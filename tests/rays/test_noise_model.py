@@ -1,0 +1,59 @@
+"""How ranges err is told, whatever grows, however much of them is gross."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from jaxmm.rays.noise_model import EXACT, MOST_OFF, noise_of, sigma_at
+
+# Constant [m], linear and quadratic [1/m] part, of a terrestrial scanner, cheap ones, and a stereo camera.
+SHAPES = [(0.002, 0.0, 0.0), (0.02, 0.0, 0.0), (0.05, 0.0, 0.0), (0.003, 0.001, 0.0), (0.0, 0.003, 0.0),
+          (0.0, 0.0, 0.0044), (0.001, 0.0, 3e-5)]  # fmt: skip
+
+
+def ranges(shape, gross, farthest, count=6000, seed=0):
+    """Residuals and ranges [m] of which some are gross, all over; and the true deviation (N,) [m]."""
+    rng = np.random.default_rng(seed)
+    reach = np.exp(rng.uniform(0.0, np.log(farthest), count))
+    sigma = shape[0] + shape[1] * reach + shape[2] * reach**2
+    off = sigma * rng.standard_normal(count)
+    wrong = rng.random(count) < gross
+    off[wrong] = rng.uniform(-MOST_OFF, MOST_OFF, np.count_nonzero(wrong))
+    return off, reach, sigma
+
+
+@pytest.mark.parametrize("shape, gross", list(itertools.product(SHAPES, (0.0, 0.1, 0.3, 0.5))))
+def test_the_deviation_is_told_near_and_far_whatever_share_is_gross(shape, gross):
+    off, reach, sigma = ranges(shape, gross, 8.0 if shape[2] > 0.001 else 40.0)
+    found = noise_of(off, np.ones(len(off)), reach)
+    ratio = sigma_at(found, reach) / sigma
+    # Of a few shapes one is taken: where both parts count, it errs most at the ends.
+    assert 0.65 < np.quantile(ratio, 0.01) and np.quantile(ratio, 0.99) < 1.65 and 0.8 < np.median(ratio) < 1.25
+    assert found.gross == pytest.approx(gross, abs=0.08)
+
+
+def test_clutter_far_away_makes_no_near_range_err_and_no_far_one():
+    """Beyond 15 m nine in ten points are leaves, before it none: the walls between them err as all others do."""
+    rng = np.random.default_rng(4)
+    reach = rng.uniform(1.0, 45.0, 8000)
+    off = 0.01 * rng.standard_normal(8000)
+    leaves = (reach > 15.0) & (rng.random(8000) < 0.9)
+    off[leaves] = rng.uniform(-MOST_OFF, MOST_OFF, np.count_nonzero(leaves))
+    assert np.all(np.abs(sigma_at(noise_of(off, np.ones(8000), reach), np.array([2.0, 10.0, 40.0])) - 0.01) < 0.002)
+
+
+def test_how_it_grows_is_asked_of_ranges_that_are_there():
+    """Ranges up to 5 m that grow do not tell what is at 500; where little grows, a constant is enough."""
+    off, reach, _ = ranges((0.0, 0.0, 0.0044), 0.0, 5.0)
+    found = noise_of(off, np.ones(len(off)), reach)
+    assert sigma_at(found, np.array([500.0]))[0] == sigma_at(found, np.array([50.0]))[0] < 1.1 * 0.0044 * 15.0**2
+    off, reach, _ = ranges((0.01, 0.0, 0.0), 0.0, 30.0)
+    found = noise_of(off, np.ones(len(off)), reach)
+    assert found.linear == found.quadratic == 0.0
+    assert sigma_at(found, np.array([np.inf, np.nan]))[0] == found.constant
+
+
+def test_exact_ranges_do_not_err():
+    assert noise_of(np.full(4, np.inf), np.ones(4), np.ones(4)) == EXACT
+    assert sigma_at(noise_of(np.zeros(100), np.ones(100), np.ones(100)), np.ones(2)).max() < 1e-5
