@@ -5,30 +5,35 @@ N points of the scan that lie on the prior, with the normals of their surfaces, 
 
 import numpy as np
 
-FACING = 0.25  # least cosine between a normal and a direction that its surface holds
-LEAST_HOLDING = 30  # points, each of a voxel of 0.1 m, that hold a direction
-STEP = 5.0  # [deg] between the directions in plan that are tried
+WORTH = 0.02  # neighbouring points err alike: so many independent ones is each worth
+LEAST_SIGMA = 0.01  # [m] of a point off its surface: what is built is never where it is drawn
+GIVEN = (0.3, 0.3, 0.3, 0.1, 0.1, 0.1)  # [m, rad] standard deviations of a pose of which nothing else is known
+MOST_SIGMA = 0.015  # [m] of a place, up to which it is held
 
 
-def open_directions(normals: np.ndarray) -> tuple[tuple[float, float, float], ...]:
+def open_directions(points: np.ndarray, normals: np.ndarray, residual: float) -> tuple[tuple[float, float, float], ...]:
     """Unit vectors of the directions that are open: at most one in plan, or both axes of it, and up.
 
+    A direction is open where the least squares of the fit (point to plane, all six degrees of freedom) leave the place
+    of the sensor along it uncertain by more than MOST_SIGMA.
+
     Args:
+        points: (N, 3) [m] about the sensor.
         normals: (N, 3) unit vectors, of either sign.
+        residual: [m] standard deviation of the points about the surfaces; NaN where there is none.
     """
-    angles = np.radians(np.arange(0.0, 180.0, STEP))
-    ways = np.column_stack([np.cos(angles), np.sin(angles)])
-    holding = np.count_nonzero(np.abs(normals[:, :2] @ ways.T) > FACING, axis=0)
+    sigma = max(LEAST_SIGMA, residual if np.isfinite(residual) else 0.0)
+    slope = np.column_stack([normals, np.cross(points, normals)])
+    told = slope.T @ slope * (WORTH / sigma**2) + np.diag(1.0 / np.square(GIVEN))
+    spread = np.linalg.inv(told)[:3, :3]
+    square, ways = np.linalg.eigh(spread[:2, :2])
     found: list[tuple[float, float, float]] = []
-    if holding.max(initial=0) < LEAST_HOLDING:
+    if square[0] > MOST_SIGMA**2:
         found += [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
-    elif holding.min() < LEAST_HOLDING:
-        # The middle of what is open: at right angles to what holds, within what noise leaves of it.
-        least = np.flatnonzero(holding == holding.min())
-        doubled = np.exp(2j * angles[least]).mean()  # a direction and its opposite are one
-        middle = np.angle(doubled) / 2.0 % np.pi
-        found.append((float(np.cos(middle)), float(np.sin(middle)), 0.0))
-    if np.count_nonzero(np.abs(normals[:, 2]) > FACING) < LEAST_HOLDING:
+    elif square[1] > MOST_SIGMA**2:
+        along = ways[:, 1] * (1.0 if ways[1, 1] >= 0.0 else -1.0)
+        found.append((float(along[0]), float(along[1]), 0.0))
+    if spread[2, 2] > MOST_SIGMA**2:
         found.append((0.0, 0.0, 1.0))
     return tuple(found)
 

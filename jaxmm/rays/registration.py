@@ -24,30 +24,34 @@ CUT = 0.1  # [m] farther off a surface, a point counts as no match
 CLOSE, UPON = 0.03, 0.015  # [m] off it, up to which it lies closely, and as points of an exact pose do
 UPRIGHT = 0.3  # a surface whose normal rises by less stands
 ALIKE = 0.9  # cosine of the angle between the normals of one surface, at least
-BELIEVED = (0.1, 0.1, 0.1, 0.05, 0.05, 0.05)  # [m, rad] standard deviations of the start
-# The same of a start whose walls fit as it is: floors and ceilings, which nobody moves, still tell how high it stands.
-EXACT = (0.02, 0.02, 0.2, 0.05, 0.05, 0.01)
-AS_CLOSE = (1.2, 0.004)  # times, plus [m]: as far off as walls may lie at such a start, of what they lie after a motion
-LEAST_SHARE = 0.1  # of the points on walls, and
 LEAST_WALLS = 30  # points, that must match walls to tell so
 MOST_LEFT = 0.5  # share of what lies closely on walls at the start, that is on none after a motion to believe
-FAR = 0.01  # cost of a motion by one standard deviation, in shares of points that match
+FAR = 1.5  # surfaces that changed are as likely as a motion far beyond: one that fits moves no scan far
+GIVEN = (0.2, 0.2, 0.2, 0.04, 0.04, 0.1)  # [m, rad] standard deviations of poses that are given
+MOST_SHIFT, MOST_TURN = 0.8, np.radians(16.0)  # [m], [rad] beyond which a pose is of another place
+TOLD, DEEP = 600, 0.15  # points that tell how many are on a plane, and [m] within which they are
+LEAST_SURFACE = 30  # points of 0.1 m that are a surface; fewer are as much less of one
+FINE = 0.05  # [m] off a surface, at which a point counts as no match where it is asked whether a scan stays
+STAYS = 0.25  # surfaces that must lie better, for a motion in plan
 WORTH = 0.02  # neighbouring points err alike: so many independent ones is each worth
-LONE_SHIFT, LONE_TURN = 0.3, 0.01  # [m, rad] least step in plan that a lone wall is not believed for, and most turn
-LONE_WAY, LONE_DEPTH = 0.95, 0.2  # of a lone wall: share of its normals that agree, and [m] most that it is deep
+RIVALS = 0.4  # surfaces more on the prior than where a scan was left, from which on another motion is worth a word
+RIVAL_SHIFT, RIVAL_TURN = 0.05, np.radians(1.0)  # [m], [rad] by which it is another one
+LONE_WAY = 0.95  # cosine of the angle between normals of one upright plane, at least
 TRIED = 50  # planes, as wide as CUT to either side, of which one may hold most of a scan
 AROUND, BESIDE = 8, 0.15  # points of a prior about a line of sight, and [m] off it: they say what it meets there
 BEFORE = 0.3  # [m] before a point, from where on they hide it
 LEAST_SIGMA = 0.005  # [m] of a point off its surface
 
 
-class Held(NamedTuple):
-    """A motion without its step in plan, which only one wall tells, and how well the scan fits so."""
+class Rival(NamedTuple):
+    """Another motion that would lay more surfaces upon the prior, and was not believed."""
 
-    motion: np.ndarray  # (4, 4) float64
-    left: float  # [m] of the step
-    residual: float  # [m]
-    overlap: float
+    step: tuple[float, float, float]  # [m] of the sensor
+    turn: float  # [rad]
+    surfaces: float  # that would lie there, and now do not
+    residual: float  # [m] of what then matches
+    overlap: float  # share of the points that then match
+    upright: float  # and of those on walls
 
 
 class Registration(NamedTuple):
@@ -62,7 +66,7 @@ class Registration(NamedTuple):
     asked: float  # share of its points on walls that are asked: 1, or those that the prior could show; NaN without any
     closely: float  # `upright` less what may match by chance: 0 where that may be all but a few points
     lone: float = 0.0  # share of its points that lie on one upright plane
-    held: Held | None = None  # where a lone wall moves it far
+    rival: Rival | None = None
     left: float = 0.0  # share of its points that lay closely on walls at the start, that lie on none any more
     open: tuple[tuple[float, float, float], ...] = ()  # directions along which nothing holds its place
 
@@ -123,7 +127,7 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
     source, _ = _prepared(scan, centre)
     if min(target.size(), source.size()) < 4 * NEIGHBOURS:
         return Registration(np.eye(4), np.nan, np.nan, 0.0, 0.0, np.nan, np.nan, 0.0)
-    cloud = (source.points()[:, :3], target, tree)
+    cloud = (source.points()[:, :3], target, tree, _weights(source.points()[:, :3], source.normals()[:, :3]))
     motions = [np.eye(4)]
     for ladder in LADDERS:
         motion = np.eye(4)
@@ -135,29 +139,22 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
         motions.append(_as_believed(cloud, motion))
     normals = source.normals()[:, :3]
     start = _fit(cloud, normals, np.eye(4))
-    best = _cheapest(cloud, motions, BELIEVED)
-    if _fits_as_it_is(start, _fit(cloud, normals, best)):
-        motions += [_upright_part(motion) for motion in motions[1:]]
-        best = _cheapest(cloud, motions, EXACT)
-        # Nor does what lies closely come off it.
-        best = _cheapest(cloud, [np.eye(4), _upright_part(best), best], EXACT, CLOSE)
+    motions += [_upright_part(motion) for motion in motions[1:]]
+    best = _cheapest(cloud, motions)
+    stays = _cheapest(cloud, [motion for motion in motions if not _moves_in_plan(motion)])
+    if _changed(cloud, stays, FINE) <= _changed(cloud, best, FINE) + _far(best) + STAYS:
+        best = _cheapest(cloud, [np.eye(4), stays], CLOSE)  # nor does what lies closely come off it
     found = _fit(cloud, normals, best)
     about = _shifted(centre) @ best @ _shifted(-centre)
     asked = found
     if in_sight_only:
         asked = found._replace(wall=found.wall & _could_show(target.points()[:, :3], _moved(cloud[0], best)))
     share = float(asked.wall.sum() / found.wall.sum()) if found.wall.any() else np.nan
-    held = None
-    if _by_a_lone_wall(cloud[0], normals, found, best):
-        kept = best.copy()
-        kept[:2, 3] = 0.0  # along the wall nothing tells it either
-        fit = _fit(cloud, normals, kept)
-        left = float(np.linalg.norm(best[:2, 3]))
-        held = Held(_shifted(centre) @ kept @ _shifted(-centre), left, fit.residual, fit.overlap)
+    rival = _rival_of(cloud, normals, motions, best)
     return Registration(
         about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely,
-        _on_one_plane(cloud[0], normals), held, _left(start, found),
-        open_directions((normals @ best[:3, :3].T)[found.matches]),
+        _on_one_plane(cloud[0], normals), rival, _left(start, found),
+        open_directions(_moved(cloud[0], best)[found.matches], normals[found.matches] @ best[:3, :3].T, found.residual),
     )  # fmt: skip
 
 
@@ -180,7 +177,7 @@ def _prepared(points: np.ndarray, centre: np.ndarray):
 
 def _off(cloud: tuple, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of every moved point: how far (N,) off the surface next to it, [m] inf where none is near; it, and the normal."""
-    points, target, tree = cloud
+    points, target, tree = cloud[:3]
     moved = _moved(points, motion)
     place, square = tree.batch_nearest_neighbor_search(np.column_stack([moved, np.ones(len(moved))]))
     place = np.asarray(place)
@@ -199,42 +196,22 @@ def _fit(cloud: tuple, normals: np.ndarray, motion: np.ndarray) -> _Fit:
     return _Fit(off, wall, wall & matches, matches)
 
 
-def _fits_as_it_is(start: _Fit, best: _Fit) -> bool:
-    """Whether the walls that match at the start lie as closely there as any do after the best motion, or as many do.
-
-    A pose that is off is off in more directions than the one which a missing wall leaves open: then what stands behind
-    that wall is no reason to move the scan onto its place. Nor is a wall that moved where most of what lies closely at
-    the start, as a column before it, would lie upon nothing any more.
-    """
-    now, then = (int(fit.upon(UPON).sum()) for fit in (start, best))
-    if (now >= LEAST_WALLS and now >= then) or _left(start, best) > MOST_LEFT:
-        return True
-    if start.on_wall.sum() < LEAST_WALLS or start.upright < LEAST_SHARE or not best.on_wall.any():
-        return False
-    before, after = (float(np.sqrt(np.mean(np.square(fit.off[fit.on_wall])))) for fit in (start, best))
-    return before <= AS_CLOSE[0] * after + AS_CLOSE[1]
-
-
 def _left(start: _Fit, best: _Fit) -> float:
     """Share of the points closely on walls at the start that a motion leaves on none; 0 where they are too few."""
     close = start.upon(CLOSE)
     return float(np.mean(~best.on_wall[close])) if close.sum() >= LEAST_WALLS else 0.0
 
 
-def _by_a_lone_wall(points: np.ndarray, normals: np.ndarray, found: _Fit, motion: np.ndarray) -> bool:
-    """Whether a motion moves points (N, 3) about the eye far along the normal of the only wall that matches.
-
-    The walls of a pose that is off are turned, or several match.
-    """
-    step = _step_of(motion)
-    if np.linalg.norm(step[:2]) < LONE_SHIFT or np.linalg.norm(step[3:]) > LONE_TURN or not found.on_wall.any():
-        return False
-    facing = normals[found.on_wall, :2] / np.linalg.norm(normals[found.on_wall, :2], axis=1, keepdims=True)
-    strength, ways = np.linalg.eigh(facing.T @ facing / len(facing))
-    way, depth = ways[:, 1], points[found.on_wall, :2] @ ways[:, 1]
-    if strength[1] < LONE_WAY or float(np.ptp(np.quantile(depth, (0.05, 0.95)))) > LONE_DEPTH:
-        return False
-    return bool(abs(step[:2] @ way) >= LONE_WAY * np.linalg.norm(step[:2]))
+def _rival_of(cloud: tuple, normals: np.ndarray, motions: list[np.ndarray], best: np.ndarray) -> Rival | None:
+    """The motion that lays most surfaces upon the prior, if these are more, and it ends elsewhere, than the best."""
+    there = min((one for one in motions if np.isfinite(_far(one))), key=lambda one: _changed(cloud, one, CUT))
+    more = _changed(cloud, best, CUT) - _changed(cloud, there, CUT)
+    apart = _step_of(there @ np.linalg.inv(best))
+    if more < RIVALS or (np.linalg.norm(apart[:3]) < RIVAL_SHIFT and np.linalg.norm(apart[3:]) < RIVAL_TURN):
+        return None
+    fit = _fit(cloud, normals, there)
+    step, turn = tuple(float(one) for one in apart[:3]), float(np.linalg.norm(apart[3:]))
+    return Rival(step, turn, more, fit.residual, fit.overlap, fit.upright)
 
 
 def _on_one_plane(points: np.ndarray, normals: np.ndarray) -> float:
@@ -251,6 +228,10 @@ def _on_one_plane(points: np.ndarray, normals: np.ndarray) -> float:
     return max(map(share, tried), default=0.0)
 
 
+def _moves_in_plan(motion: np.ndarray) -> bool:
+    return bool(np.any(_step_of(motion)[[0, 1, 5]] != 0.0))
+
+
 def _upright_part(motion: np.ndarray) -> np.ndarray:
     """What of a motion raises and tilts, without its step and turn in plan."""
     step = _step_of(motion)
@@ -259,17 +240,37 @@ def _upright_part(motion: np.ndarray) -> np.ndarray:
     return kept
 
 
-def _cheapest(cloud: tuple, motions: list[np.ndarray], believed: tuple[float, ...], cut: float = CUT) -> np.ndarray:
-    """The motion that fits best: points up to `cut` [m] off cost 0 to 1, others 1 wherever they are, far motions more.
+def _cheapest(cloud: tuple, motions: list[np.ndarray], cut: float = CUT) -> np.ndarray:
+    """The motion that needs the fewest surfaces to have changed; far ones count as most of one.
 
-    Without the latter, a wall that was removed draws what is seen behind it to its place.
+    Where a wall moved, or was removed and another one shows behind it, one surface changed, and all others lie where
+    they are believed to be; where the pose is off, all changed. So it is surfaces that count, not points: floors and
+    large walls, which fit after many a motion, must not outvote what tells motions apart.
     """
+    return min(motions, key=lambda motion: _changed(cloud, motion, cut) + _far(motion))
 
-    def cost(motion: np.ndarray) -> float:
-        off = np.mean(np.minimum(np.square(_off(cloud, motion)[0] / cut), 1.0))
-        return float(off + FAR * np.sum(np.square(_step_of(motion) / believed)))
 
-    return min(motions, key=cost)
+def _changed(cloud: tuple, motion: np.ndarray, cut: float) -> float:
+    """Surfaces that do not lie on the prior after a motion: up to `cut` [m] off they count as 0 to 1, beyond as 1."""
+    return float(cloud[3] @ np.minimum(np.square(_off(cloud, motion)[0] / cut), 1.0))
+
+
+def _far(motion: np.ndarray) -> float:
+    """What a motion costs, in surfaces that changed: half a metre is about as likely as a third."""
+    step = _step_of(motion)
+    if np.linalg.norm(step[:3]) > MOST_SHIFT or np.linalg.norm(step[3:]) > MOST_TURN:
+        return np.inf
+    return FAR * float(1.0 - np.exp(-0.5 * np.sum(np.square(step / GIVEN))))
+
+
+def _weights(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Weights (N,) of points (N, 3) that sum to 1 on each plane of enough of them."""
+    some = np.random.default_rng(0).permutation(len(points))[:TOLD]
+    size = np.zeros(len(points))
+    for part in np.array_split(np.arange(len(points)), len(points) // 2000 + 1):
+        deep = np.abs(np.einsum("nc,nc->n", normals[part], points[part])[:, None] - normals[part] @ points[some].T)
+        size[part] = np.count_nonzero((np.abs(normals[part] @ normals[some].T) > ALIKE) & (deep < DEEP), axis=1)
+    return 1.0 / np.maximum(size * (len(points) / len(some)), LEAST_SURFACE)
 
 
 def _as_believed(cloud: tuple, motion: np.ndarray) -> np.ndarray:
@@ -281,7 +282,7 @@ def _as_believed(cloud: tuple, motion: np.ndarray) -> np.ndarray:
     sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(off[match]))))
     slope = np.column_stack([normal[match], np.cross(moved[match], normal[match])])
     told = slope.T @ slope * (WORTH / sigma**2)
-    believed = np.diag(1.0 / np.square(BELIEVED))
+    believed = np.diag(1.0 / np.square(GIVEN))
     step = np.linalg.solve(told + believed, told @ _step_of(motion))
     kept = np.eye(4)
     kept[:3, :3], kept[:3, 3] = Rotation.from_rotvec(step[3:]).as_matrix(), step[:3]

@@ -162,12 +162,13 @@ def placed_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> Place
             found = place(
                 one.scan, surfaces_along(prior.scene, rays), refine=settings.refine, limits=settings.limits,
                 passed=lambda: passed_by(prior.scene, rays),
+                shown=lambda there: surfaces_along(prior.scene, rays_of_scan(there)),
             )  # fmt: skip
             doubts = doubts_by_rays(prior.scene, found.scan) if settings.preset != "thesis" else ()
             return found._replace(notes=(*found.notes, *doubts))
         return place(
             one.scan, visible(prior.cloud, rays), refine=settings.refine, limits=settings.cloud_limits,
-            in_sight_only=True,
+            in_sight_only=True, shown=lambda there: visible(prior.cloud, rays_of_scan(there)),
         )  # fmt: skip
     except (InputError, ValueError) as error:
         away = away_from(prior.building, one.scan.position) if prior.has_elements else 0.0

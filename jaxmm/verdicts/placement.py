@@ -12,11 +12,12 @@ import numpy as np
 from jaxmm.config import bounded
 from jaxmm.inputs import Misfit
 from jaxmm.rays.open_directions import in_words
-from jaxmm.rays.registration import MOST_LEFT, Registration, register
+from jaxmm.rays.registration import MOST_LEFT, Registration, Rival, register
 from jaxmm.rays.scan_rays import PosedScan
 
 MOST_POINTS = 60_000  # that a scan is registered by; it is thinned to one in 0.1 m anyway
 LEAST_POINTS = 50  # of the prior in view, to compare anything with
+FAR_SHIFT, FAR_TURN = 0.1, 2.0  # [m], [deg] from which on the prior shows something else
 DOUBTED = 0.3  # share of what it sees of walls that lies on walls, below which it may be of another place
 MOST_THROUGH = 0.002  # share of the rays, up to which a scan passes through nothing
 # Of a scan that hardly matches and passes through nothing: from which share of its walls on what lies upon walls tells
@@ -24,6 +25,9 @@ MOST_THROUGH = 0.002  # share of the rays, up to which a scan passes through not
 # fills the view. Chosen on views of eight buildings: of 269 right ones 19 hardly match, and 7 of these are believed so;
 # of 267 scans of others, put upon the floor there, 2.
 LEAST_CLOSELY, LEAST_LONE, MOST_NOWHERE = 0.03, 0.85, 0.5
+# Of a scan that is moved far, at least so much of what it sees of walls lies on walls: of right ones in validation
+# rooms and buildings 0.36 and more, of those of other places in the middle 0.03, in nine of ten less than 0.3.
+LEAST_MOVED = 0.33
 LEAST_ASKED = 0.2  # share of what it sees of walls that the prior must be able to show, for walls to tell of the place
 
 
@@ -76,6 +80,7 @@ def place(
     limits: FitLimits | None = None,
     in_sight_only: bool = False,
     passed: Callable[[], Passed] | None = None,
+    shown: Callable[[PosedScan], np.ndarray] | None = None,
 ) -> Placed:
     """Register a scan.
 
@@ -87,6 +92,8 @@ def place(
         in_sight_only: whether the prior holds only what is in sight, see `registration.register`.
         passed: asked of a scan that hardly matches. It is believed as it is where all that it sees may be new: it
             passes through nothing of the prior, and lies a little upon walls, or is one wall. None: it is refused.
+        shown: what the prior shows (M, 3) [m] from where a scan is believed to be. From a pose that is far off it shows
+            what lies beside the view: the scan is registered once more, to what it shows from where that ended.
 
     Raises:
         Misfit: it does not fit; the line says by how much.
@@ -96,25 +103,56 @@ def place(
         raise Misfit("the prior has nothing in view from there; check pose, units and frame")
     every = max(1, len(scan.points) // MOST_POINTS)
     found = register(scan.points[::every], prior, scan.position, in_sight_only=in_sight_only)
+    if refine and shown is not None and _is_far(found, scan):
+        found = _once_more(found, scan, every, shown, in_sight_only)
     before = found.overlap_before
     as_it_is = Placed(scan, 0.0, 0.0, found.residual_before, before, before)
     if not refine:  # whoever believes a pose believes it of a view that is all new, too
         return as_it_is
-    if refusal := _refusal(found, limits):
+    if (refusal := _refusal(found, _is_far(found, scan), limits)) and not _may_have_moved(found, limits):
         if passed is None or not _may_be_new(found, passed()):
             raise Misfit(refusal)
         return as_it_is._replace(notes=(_all_new(found),))
-    fit = found.held or found
-    turn, shift = fit.motion[:3, :3], fit.motion[:3, 3]
-    moved = scan._replace(
+    moved = _moved(scan, found.motion)
+    angle = _angle(found.motion)
+    shift = float(np.linalg.norm(moved.position - scan.position))
+    doubts = _doubts(found, shift, limits)
+    return Placed(moved, shift, angle, found.residual, found.overlap, before, doubts, _open_words(found))
+
+
+def _moved(scan: PosedScan, motion: np.ndarray) -> PosedScan:
+    turn, shift = motion[:3, :3], motion[:3, 3]
+    return scan._replace(
         points=(scan.points.astype(np.float64) @ turn.T + shift).astype(np.float32),
         position=turn @ scan.position + shift,
         rotation=turn @ scan.rotation,
     )
-    angle = float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
-    shift = float(np.linalg.norm(moved.position - scan.position))
-    doubts = _doubts(found, shift, limits)
-    return Placed(moved, shift, angle, fit.residual, fit.overlap, before, doubts, _open_words(found))
+
+
+def _angle(motion: np.ndarray) -> float:
+    """[deg] by which a motion (4, 4) turns."""
+    return float(np.degrees(np.arccos(np.clip((np.trace(motion[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))))
+
+
+def _is_far(found: Registration, scan: PosedScan) -> bool:
+    """Whether a motion takes a scan so far that the prior shows something else from there."""
+    step = _moved(scan._replace(points=scan.points[:0]), found.motion).position - scan.position
+    return bool(np.linalg.norm(step) > FAR_SHIFT or _angle(found.motion) > FAR_TURN)
+
+
+def _once_more(
+    found: Registration, scan: PosedScan, every: int, shown: Callable[[PosedScan], np.ndarray], in_sight_only: bool
+) -> Registration:
+    """Registered again from where a first registration ended, with what that says of the start."""
+    there = _moved(scan._replace(points=scan.points[::every]), found.motion)
+    prior = shown(there)
+    if len(prior) < LEAST_POINTS:
+        return found
+    again = register(there.points, prior, there.position, in_sight_only=in_sight_only)
+    return again._replace(
+        motion=again.motion @ found.motion, residual_before=found.residual_before,
+        overlap_before=found.overlap_before, left=found.left,
+    )  # fmt: skip
 
 
 def _open_words(found: Registration) -> tuple[str, ...]:
@@ -122,8 +160,8 @@ def _open_words(found: Registration) -> tuple[str, ...]:
     return (f"nothing that it sees holds its place {ways}: there its pose was believed as it is",) if ways else ()
 
 
-def _refusal(found: Registration, limits: FitLimits) -> str:
-    """Why a scan does not fit, in one line; nothing where it does."""
+def _refusal(found: Registration, is_far: bool, limits: FitLimits) -> str:
+    """Why a scan does not fit, which may have been moved far, in one line; nothing where it does."""
     if found.overlap < limits.least_overlap or not found.residual <= limits.most_residual:
         off = f", {found.residual:.3f} m off" if np.isfinite(found.residual) else ""
         told = f"{found.overlap:.1%} of its points match the prior{off}"
@@ -131,18 +169,27 @@ def _refusal(found: Registration, limits: FitLimits) -> str:
             f"the scan does not fit the prior from there: {told}; expected at least {limits.least_overlap:.1%} and at "
             f"most {limits.most_residual} m; check pose, units and frame, or believe them (--no-refine)"
         )
-    closely = found.closely > limits.least_closely
-    if found.asked >= LEAST_ASKED and found.upright < limits.least_upright and not closely:
+    least = max(limits.least_upright, LEAST_MOVED if is_far else 0.0)
+    closely = found.closely > limits.least_closely and not is_far
+    if found.asked >= LEAST_ASKED and found.upright < least and not closely:
         other = (
             f", or more than {limits.least_closely:.1%} beyond what may match by chance (it has {found.closely:.1%})"
         )
         return (
             f"the scan does not fit the prior from there: {found.upright:.1%} of {_walls_of(found)} lies on walls, the "
-            f"rest on floor and ceiling; expected at least {limits.least_upright:.1%}"
-            f"{other if limits.least_closely < 1.0 else ''}; is it of this building? check pose, units and frame, or "
-            "believe them (--no-refine)"
+            f"rest on floor and ceiling; expected at least {least:.1%}"
+            f"{other if limits.least_closely < 1.0 and not is_far else ''}; is it of this building? check pose, "
+            "units and frame, or believe them (--no-refine)"
         )
     return ""
+
+
+def _may_have_moved(found: Registration, limits: FitLimits) -> bool:
+    """Whether a scan that hardly matches would do so elsewhere: then its pose is off, or what it sees has moved."""
+    rival = found.rival
+    if rival is None or not rival.residual <= limits.most_residual:
+        return False
+    return rival.overlap >= limits.least_overlap and rival.upright >= LEAST_MOVED
 
 
 def _may_be_new(found: Registration, passed: Passed) -> bool:
@@ -167,12 +214,9 @@ def _all_new(found: Registration) -> str:
 def _doubts(found: Registration, shift: float, limits: FitLimits) -> tuple[str, ...]:
     """What speaks against it: that it may be of another place, or that it fits only where nobody believed it."""
     moved: tuple[str, ...] = ()
-    if found.held:
-        moved = (
-            f"the one wall that may match lies {found.held.left:.2f} m off the prior's, and is taken for new, or "
-            "moved; if it is the scan's pose that is off by that much, give a better one",
-        )
-    elif found.left > MOST_LEFT:
+    if found.rival:
+        return (_rival_words(found.rival),)
+    if found.left > MOST_LEFT:
         moved = (
             f"{found.left:.0%} of what lies closely on walls from the pose that was believed is on none when moved by "
             f"{shift:.2f} m: was its pose so far off? If not, something else moved, and is found with --no-refine",
@@ -188,6 +232,18 @@ def _doubts(found: Registration, shift: float, limits: FitLimits) -> tuple[str, 
     if found.upright < DOUBTED:
         return (f"only {found.upright:.0%} of {_walls_of(found)} lies on walls: is it of this place?", *moved)
     return moved
+
+
+def _rival_words(rival: Rival) -> str:
+    step, many = np.array(rival.step), max(1, round(rival.surfaces))
+    flat = float(np.hypot(*step[:2]))
+    way = in_words((step[0], step[1], 0.0) if flat > abs(step[2]) else (0.0, 0.0, 1.0))
+    turned = f" and turned by {np.degrees(rival.turn):.0f}°" if rival.turn > np.radians(1.0) else ""
+    what = "one more surface" if many == 1 else f"about {many} more surfaces"
+    return (
+        f"moved by {np.linalg.norm(step):.2f} m {way}{turned}, {what} that it sees would lie on the prior; what is "
+        "there is held for new, or moved: if it is the scan's pose that is off by that much, give a better one"
+    )
 
 
 def _walls_of(found: Registration) -> str:
