@@ -42,6 +42,8 @@ class ScanRays(NamedTuple):
     pattern: np.ndarray  # (Q, 3) float32 unit vectors: a regular grid over the field of view
     spacing: float  # [rad] of the sensor's rays where they are farthest apart, at least that of the pattern
     limit: float  # [m] beyond which the sensor sees nothing
+    fine: int = 0  # how many of the pattern, its last, are as near to each other as the scan's own rays
+    fine_spacing: float = 0.0  # [rad] of those
 
 
 def rays_of_scan(scan: PosedScan, seed: int = 0) -> ScanRays:

@@ -116,7 +116,11 @@ def sight(prior: Prior, rays: ScanRays) -> Sighting:
     measured = measured_points(rays)
     own = thin_clouds([measured], VOXEL)[0]
     of_prior = _prior_view(
-        scene, rays, (expected, margin, noise), (places[kept], reach[kept], element[kept]), measured[own]
+        scene,
+        rays,
+        (expected, margin, noise),
+        (places[kept], reach[kept], element[kept], _spacing_at(rays, kept)),
+        measured[own],
     )
     of_robot = _robot_view(scene, rays, (expected, margin, noise), (measured[own], own))
     frame = frame_of_rays(rays, *levels_of(scene, rays, measured, prior.building.storeys.elevation))
@@ -127,17 +131,22 @@ def sight(prior: Prior, rays: ScanRays) -> Sighting:
     )  # fmt: skip
 
 
+def _spacing_at(rays: ScanRays, chosen: np.ndarray) -> np.ndarray:
+    """How far apart [rad] the rays are around some (n,) int of the directions of the pattern."""
+    return np.where(chosen < len(rays.pattern) - rays.fine, rays.spacing, rays.fine_spacing)
+
+
 def _prior_view(
     scene: TriangleScene,
     rays: ScanRays,
     told: tuple[Hits, np.ndarray, Noise],
-    seen: tuple[np.ndarray, np.ndarray, np.ndarray],
+    seen: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     robot: np.ndarray,
 ) -> View:
     """What the robot's rays say of points that the pattern shows of the prior."""
-    (expected, margin, noise), (points, reach, element) = told, seen
+    (expected, margin, noise), (points, reach, element, spacing) = told, seen
     direction = ((points - rays.position) / reach[:, None]).astype(np.float32)
-    angle = np.clip(FOOTPRINT / reach, 0.75 * rays.spacing, max(MOST_ANGLE, 0.75 * rays.spacing))
+    angle = np.clip(FOOTPRINT / reach, 0.75 * spacing, np.maximum(MOST_ANGLE, 0.75 * spacing)).astype(np.float32)
     unused = np.zeros(len(reach), np.float32)
     targets = Targets(direction, reach, angle, unused, unused, element)
     predicted = Predicted(expected.distance[None], expected.element[None], margin[None])

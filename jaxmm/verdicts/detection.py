@@ -19,6 +19,7 @@ from jaxmm.verdicts.behind_removed import filling, gone_of, look_past_what_is_go
 from jaxmm.verdicts.building_evidence import passed_by, sight, surfaces_along
 from jaxmm.verdicts.cloud_comparison import compare, visible
 from jaxmm.verdicts.contradictions import doubts_by_rays
+from jaxmm.verdicts.far_elements import toward_far_elements
 from jaxmm.verdicts.hanging_openings import without_hanging
 from jaxmm.verdicts.mismatches import Looked, mismatches_of, shown_by_each
 from jaxmm.verdicts.next_view import Stage, next_views, stand_of
@@ -126,7 +127,8 @@ def _looked_at(
     looked, told = [], []
     for one, scan, is_out in zip(placed, scans, outdoors, strict=True):
         try:
-            found, says = look_at(prior, rays_of_scan(one.scan), judges)
+            rays = toward_far_elements(prior, one.scan, rays_of_scan(one.scan))
+            found, says = look_at(prior, rays, judges)
         except (InputError, ValueError) as error:
             raise InputError(f"{scan.file}: {error}") from error
         looked.append(of_building_only(prior, found) if is_out else found)

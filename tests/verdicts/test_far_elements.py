@@ -1,0 +1,96 @@
+"""Columns and walls up to 60 m away in a hall: told wherever some twenty rays of the scan end on them."""
+
+import numpy as np
+import pytest
+
+from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.far_elements import spacing_of, toward_far_elements
+from jaxmm.verdicts.priors import prior_of_building
+from jaxmm.verdicts.verdicts import PRESENT, REMOVED, VerdictSettings
+from tests.cases.box_building import building_of
+from tests.cases.exact_poses import AS_IS, named
+from warp_scanner.scenes.scenes import CEILING, FLOOR, PILLAR, WALL
+from warp_scanner.sensors.poses import rotation_of
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.sensors import OUSTER_64, PRESETS
+from warp_scanner.sensors.triangles import cast_triangles, prepare
+
+TLS, PLACE, LEAST = PRESETS["tls"], np.array([0.0, 0.1, 1.6]), VerdictSettings().least_rays
+SHELL = (
+    ((30, 0, -0.1), (32, 6, 0.1), FLOOR), ((30, 0, 5.1), (32, 6, 0.1), CEILING),
+    ((-2.1, 0, 2.5), (0.1, 6, 2.5), WALL), ((62.1, 0, 2.5), (0.1, 6, 2.5), WALL),
+    ((30, 6.1, 2.5), (32, 0.1, 2.5), WALL), ((30, -6.1, 2.5), (32, 0.1, 2.5), WALL),
+)  # fmt: skip
+STAND = tuple(
+    ((x, way * (4.2 - 0.3 * number), 2.5), (0.2, 0.2, 2.5), PILLAR)
+    for number, x in enumerate(range(10, 61, 10)) for way in (-1, 1)
+) + tuple(((x, y, 2.5), (0.1, 0.4, 2.5), WALL) for x, y in ((37, 0.9), (48, -0.4), (57, 0.6)))  # fmt: skip
+GONE = (1, 4, 6, 9, 11, 13)  # of STAND
+PRIOR = prior_of_building(building_of((*SHELL, *STAND)))
+
+
+def scan_of(sensor, gone=(), known=True):
+    """The hall without some of what should stand there."""
+    left = tuple(one for number, one in enumerate(STAND) if number not in gone)
+    turned = rotation_of([0.12], [0.0])[0]
+    direction = (sensor.directions() @ turned.T).astype(np.float32)
+    scene = prepare(building_of((*SHELL, *left)).triangles)
+    reach = cast_triangles(scene, Rays(PLACE[None], direction)).distance[0]
+    back = np.isfinite(reach) & (reach <= sensor.range_limits[1])
+    points = (PLACE + direction[back] * reach[back, None].astype(np.float64)).astype(np.float32)
+    return PosedScan(points, PLACE, turned.astype(float), sensor if known else None)
+
+
+def aimed(direction):
+    """How many of some rays each element of the hall would stop, as it is in the model."""
+    element = cast_triangles(PRIOR.scene, Rays(PLACE[None], direction)).element[0]
+    return np.bincount(element[element >= 0], minlength=len(SHELL) + len(STAND))
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_all_rays_of_the_scan_toward_what_the_drawn_ones_rarely_meet_are_there_and_none_twice(known):
+    scan = scan_of(TLS, known=known)
+    rays = rays_of_scan(scan)
+    more = toward_far_elements(PRIOR, scan, rays)
+    offset = scan.points - PLACE
+    own = aimed((offset / np.linalg.norm(offset, axis=1, keepdims=True)).astype(np.float32))
+    drawn, now, shown = (
+        aimed(one) for one in (rays.direction[: rays.measured], more.direction[: more.measured], more.pattern)
+    )
+    rare = (own >= LEAST) & (aimed(rays.pattern) * min(1.0, rays.measured / len(rays.pattern)) < LEAST)
+    assert rare.sum() >= 5 and np.all(drawn[rare] < own[rare] / 2)
+    np.testing.assert_array_less(0.9 * own[rare], now[rare] + 1)
+    assert np.all(now <= own) and np.all(shown[rare] >= LEAST / 2)
+    assert len(more.direction) == len(more.distance) <= 1.2 * len(rays.direction)
+    assert len(np.unique(more.direction[: more.measured], axis=0)) >= 0.999 * more.measured
+    assert spacing_of(rays, len(scan.points)) == pytest.approx(np.radians(0.2), rel=0.3)
+
+
+def test_a_scan_all_of_whose_rays_are_there_stays_as_it_is_and_so_does_what_is_out_of_view():
+    scan = scan_of(OUSTER_64)
+    rays = rays_of_scan(scan)
+    assert toward_far_elements(PRIOR, scan, rays) is rays
+    scan = scan_of(TLS)
+    offset = scan.points - PLACE
+    back = scan._replace(points=scan.points[offset[:, 0] < 0.0], sensor=None)  # as if it looked the other way
+    assert aimed(toward_far_elements(PRIOR, back, rays_of_scan(back)).pattern)[len(SHELL) :].sum() == 0
+
+
+@pytest.mark.parametrize(
+    "sensor, known", [(TLS, True), pytest.param(TLS, False, marks=pytest.mark.long), (OUSTER_64, True)]
+)
+def test_what_stands_far_away_is_told_standing_and_what_is_gone_removed(judges, sensor, known):
+    scan = scan_of(sensor, GONE, known)
+    offset = scan.points - PLACE
+    own = aimed((offset / np.linalg.norm(offset, axis=1, keepdims=True)).astype(np.float32))
+    found = {one.guid: one.verdict for one in detect_scans(PRIOR, [named(scan)], judges, AS_IS).elements}
+    told = 0
+    for number, guid in enumerate(PRIOR.building.elements.guid[len(SHELL) :]):
+        right = REMOVED if number in GONE else PRESENT
+        if own[len(SHELL) + number] >= 1.25 * LEAST:
+            assert found[guid] == right, (number, STAND[number], own[len(SHELL) + number])
+            told += 1
+        else:
+            assert found[guid] != (PRESENT if number in GONE else REMOVED)
+    assert told >= (13 if sensor is TLS else 7)
