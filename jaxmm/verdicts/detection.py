@@ -21,6 +21,7 @@ from jaxmm.verdicts.cloud_comparison import compare, visible
 from jaxmm.verdicts.contradictions import doubts_by_rays
 from jaxmm.verdicts.far_elements import toward_far_elements
 from jaxmm.verdicts.hanging_openings import without_hanging
+from jaxmm.verdicts.mirrors import without_mirror_images
 from jaxmm.verdicts.mismatches import Looked, mismatches_of, shown_by_each
 from jaxmm.verdicts.next_view import Stage, next_views, stand_of
 from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only
@@ -76,6 +77,8 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     watch.lap("registration")
     if beyond_thesis:
         prior = without_hanging(prior, settings.semantics)
+    if settings.mirrors and beyond_thesis:
+        placed, scans = without_mirror_images(prior, placed, scans)
     looked, told = _looked_at(prior, placed, scans, outdoors, judges)
     sure, past_gone = partial(_for_sure, prior, looked, scans, settings), None
     if prior.has_elements and beyond_thesis:

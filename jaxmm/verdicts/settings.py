@@ -26,6 +26,7 @@ class DetectSettings:
     least_probability: float = bounded(0.5, 0.0, 1.0)  # of a mismatch, to be reported
     classes: tuple[str, ...] = ("wall", "column")  # of CLASSES: whose elements get a verdict
     settle: bool = True  # of scans whose ranges err; the thesis's preset takes every scan as it is
+    mirrors: bool = True  # leaves out what mirrors and panes show of the room in front; the thesis's preset never does
     refine: bool = True  # registers every scan before anything is concluded from it
     propose_views: bool = True  # a place to look from next for every occluded element
     objects: ObjectSettings = ObjectSettings()  # how the default preset makes objects of points

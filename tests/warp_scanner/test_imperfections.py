@@ -17,6 +17,7 @@ ROOMS, RAYS = 20, 5_000
 ALL = Imperfections(
     noise=0.01, noise_per_metre=0.002, noise_per_square=0.001, grazing_dropout=0.9, grazing_start=50.0,
     class_dropout=((WALL, 0.1), (DOOR, 0.6)), mixed_chance=0.5, mixed_step=0.2, quantum=0.004,
+    noise_by_light=0.001, dark_bias=0.01, slant_bias=0.005, reflectivity_spread=0.4, gross_chance=0.002,
 )  # fmt: skip
 
 

@@ -114,6 +114,13 @@ def test_depth_noise_of_the_camera_keeps_to_what_its_maker_states(distance, limi
     assert 0.5 * limit * distance < sigma[0] < limit * distance
 
 
+@pytest.mark.parametrize(("share", "stated"), [(0.9, 0.0003), (0.1, 0.0005)])
+def test_noise_of_the_terrestrial_scanner_is_what_its_maker_states_at_ten_metres(share, stated):
+    errors = sensor_named("tls-real").imperfections
+    sigma = np.hypot(errors.sigma(np.array([10.0]))[0], errors.noise_by_light * 10.0 / np.sqrt(share))
+    assert abs(sigma / stated - 1) < 0.1
+
+
 @pytest.mark.parametrize("settings", [{"width": 0}, {"horizontal_fov": 180.0}, {"vertical_fov": 0.0}])
 def test_rejects_impossible_sensors(settings):
     with pytest.raises(ValueError, match=next(iter(settings)).split("_")[0]):

@@ -11,10 +11,18 @@ The effects come in the order in which a measurement meets them:
    lie between the two (Hebert and Krotkov 1992, "3-D measurements from imaging laser radars: how good are they?").
    The centre of the beam is on its own surface, so the other one's share stays below one half. The ray keeps the
    element and class that its centre hit.
-4. *Noise*: Gaussian, sigma(r) = a + b r + c r^2 at the range r. Time of flight has mostly a, some b; triangulation and
-   stereo have c, as depth goes with the inverse of disparity (Khoshelham and Elberink 2012, Sensors 12).
-5. *Quantisation*: the device reports multiples of a step.
-6. *Gate*: what comes out beyond the range limits is not reported.
+4. *Bias*: a weak return is timed late, so dark surfaces seem farther (Pfeifer et al. 2007, "Investigating terrestrial
+   laser scanning intensity data: quality and functional relations", Optical 3-D Measurement Techniques VIII); here
+   in proportion to the light that a surface keeps. On a slanting one the beam is drawn out and its farther half
+   returns later: as 1 / cos(incidence) - 1, up to 80 degrees.
+5. *Noise*: Gaussian, sigma(r) = a + b r + c r^2 at the range r. Time of flight has mostly a, some b; triangulation and
+   stereo have c, as depth goes with the inverse of disparity (Khoshelham and Elberink 2012, Sensors 12: for the first
+   Kinect c = 0.001425 / m). Where little light comes back there is more: k / sqrt(intensity) is added in squares, as
+   of counted photons (Wujanz et al. 2017, "Intensity-based stochastic model for terrestrial laser scanners", ISPRS J.
+   125, fit such a power to measured scans). Intensity is as in surface.intensity_of: 1 of a white surface, 1 m away.
+6. *Gross errors*: the device takes something else for the return, at a range anywhere.
+7. *Quantisation*: the device reports multiples of a step.
+8. *Gate*: what comes out beyond the range limits is not reported.
 
 Every draw is keyed by (seed, room, effect), so a room has the same errors whatever the batch, and switching one effect
 on leaves the draws of the others as they are. R rooms, P rays.
@@ -27,7 +35,10 @@ import numpy as np
 
 from warp_scanner import draws
 from warp_scanner.sensors.scan import Scan
+from warp_scanner.sensors.surface import REFLECTIVITY, UNKNOWN_REFLECTIVITY
 
+LEAST_LIGHT = 0.02  # share that the darkest surfaces send back
+MOST_SLANT = 80.0  # [deg] beyond which slant adds no more; dropout goes on
 _RAYS_AT_ONCE = 2**17  # bounds the memory of the draws and keeps them in the cache
 
 
@@ -45,9 +56,18 @@ class Imperfections:
     mixed_step: float = 0.1  # [m] neighbouring ranges that differ by more are an edge
     mixed_angle: float = 1.0  # [deg] rays farther apart share no beam, so they never mix
     quantum: float = 0.0  # [m] ranges are multiples of it; 0: any
+    noise_by_light: float = 0.0  # [m] standard deviation at intensity 1, more in inverse proportion to its square root
+    dark_bias: float = 0.0  # [m] by which a surface that sends back no light seems farther than a white one
+    slant_bias: float = 0.0  # [m] by which a surface at 60 degrees of incidence seems farther
+    reflectivity_spread: float = 0.0  # elements send back up to this share more or less light than is usual
+    gross_chance: float = 0.0  # that a range is a gross error
+    gross_reach: float = 10.0  # [m] up to which gross errors come, if the sensor reaches so far
 
     def __post_init__(self):
-        lengths = ("noise", "noise_per_metre", "noise_per_square", "mixed_step", "mixed_angle", "quantum")
+        lengths = (
+            "noise", "noise_per_metre", "noise_per_square", "mixed_step", "mixed_angle", "quantum", "noise_by_light",
+            "dark_bias", "slant_bias", "gross_reach",
+        )  # fmt: skip
         for name in lengths:
             # Written so that NaN fails too.
             if not 0.0 <= getattr(self, name) < np.inf:
@@ -60,7 +80,8 @@ class Imperfections:
         if len(set(classes)) < len(classes) or not all(0 <= kind <= 255 for kind in classes):
             raise ValueError(f"imperfections.class_dropout must name classes of 0 to 255 once each, got {classes}")
         chances = {f"class_dropout of class {kind}": chance for kind, chance in self.class_dropout}
-        chances |= {name: getattr(self, name) for name in ("grazing_dropout", "mixed_chance")}
+        chances |= {name: getattr(self, name) for name in ("grazing_dropout", "mixed_chance", "gross_chance")}
+        chances |= {"reflectivity_spread": self.reflectivity_spread}
         for name, chance in chances.items():
             if not 0.0 <= chance <= 1.0:
                 raise ValueError(f"imperfections.{name} must be a chance between 0 and 1, got {chance}")
@@ -68,10 +89,15 @@ class Imperfections:
     @property
     def noisy(self) -> bool:
         """Whether any part of the noise is there."""
-        return max(self.noise, self.noise_per_metre, self.noise_per_square) > 0.0
+        return max(self.noise, self.noise_per_metre, self.noise_per_square, self.noise_by_light) > 0.0
+
+    @property
+    def by_incidence(self) -> bool:
+        """Whether the angles at which rays meet surfaces count."""
+        return max(self.grazing_dropout, self.noise_by_light, self.slant_bias) > 0.0
 
     def sigma(self, distance: np.ndarray) -> np.ndarray:
-        """Standard deviation [m] of ranges [m], in their shape and dtype."""
+        """Standard deviation [m] of ranges [m], in their shape and dtype, but for what is by light."""
         a, b, c = (
             np.asarray(value, distance.dtype) for value in (self.noise, self.noise_per_metre, self.noise_per_square)
         )
@@ -93,7 +119,7 @@ def imperfect(scan: Scan, incidence: np.ndarray | None, sensor: RangeSensor, see
 
     Args:
         scan: ideal first hits, (R, P), rays in the order of the sensor's directions.
-        incidence: (R, P) [rad] from surface.incidence_of; None will do unless the sensor has grazing dropout.
+        incidence: (R, P) [rad] from surface.incidence_of; None will do unless the sensor errs `by_incidence`.
         sensor: its range limits and imperfections; an ideal sensor without limits returns `scan` itself.
         seed: of the draws; with `index` it fixes every error. Two scans of a room err alike unless their seeds differ.
         index: (R,) room numbers.
@@ -110,8 +136,9 @@ def imperfect(scan: Scan, incidence: np.ndarray | None, sensor: RangeSensor, see
         raise ValueError(f"scan must have the sensor's {sensor.shape[0]} x {sensor.shape[1]} rays, got {ray_count}")
     if np.shape(index) != (room_count,):
         raise ValueError(f"index must be ({room_count},), one for each room, got {np.shape(index)}")
-    if errors.grazing_dropout > 0.0 and np.shape(incidence) != scan.distance.shape:
-        raise ValueError(f"incidence must be {scan.distance.shape} for grazing dropout, got {np.shape(incidence)}")
+    if errors.by_incidence and np.shape(incidence) != scan.distance.shape:
+        what = "grazing dropout, and for errors by light or slant"
+        raise ValueError(f"incidence must be {scan.distance.shape} for {what}, got {np.shape(incidence)}")
     if _is_ideal(sensor) or scan.distance.size == 0:
         return scan
     size = max(1, _RAYS_AT_ONCE // ray_count)
@@ -126,8 +153,9 @@ def imperfect(scan: Scan, incidence: np.ndarray | None, sensor: RangeSensor, see
 
 def _is_ideal(sensor: RangeSensor) -> bool:
     errors = sensor.imperfections
-    chances = [errors.grazing_dropout, errors.mixed_chance, *(chance for _, chance in errors.class_dropout)]
-    return sensor.range_limits == (0.0, np.inf) and not errors.noisy and not any(chances) and errors.quantum == 0.0
+    effects = [errors.grazing_dropout, errors.mixed_chance, errors.gross_chance, errors.dark_bias, errors.slant_bias]
+    effects += [errors.quantum, *(chance for _, chance in errors.class_dropout)]
+    return sensor.range_limits == (0.0, np.inf) and not errors.noisy and not any(effects)
 
 
 def _imperfect(scan: Scan, incidence: np.ndarray | None, sensor: RangeSensor, key: np.ndarray) -> Scan:
@@ -135,10 +163,18 @@ def _imperfect(scan: Scan, incidence: np.ndarray | None, sensor: RangeSensor, ke
     reached = np.where(_within(scan.distance, sensor.range_limits), scan.distance, np.float32(np.inf))
     lost = _is_lost(scan.semantic, incidence, errors, key)
     measured = _mixed(reached, sensor, key) if errors.mixed_chance > 0.0 else reached
+    by_light = max(errors.noise_by_light, errors.dark_bias) > 0.0
+    light = _reflectivity(scan, errors, key) if by_light else None
+    if max(errors.dark_bias, errors.slant_bias) > 0.0:
+        measured = measured + _bias(light, incidence, errors)
     if errors.noisy:
         # A miss has no range that the noise could go by.
         sigma = errors.sigma(np.where(np.isfinite(measured), measured, np.float32(0.0)))
+        if errors.noise_by_light > 0.0:
+            sigma = np.hypot(sigma, _sigma_by_light(reached, light, incidence, errors))
         measured = measured + sigma * draws.normal(key, "range noise", count)
+    if errors.gross_chance > 0.0:
+        measured = _with_gross_errors(measured, sensor, key)
     if errors.quantum > 0.0:
         # In double precision, so that what is stored is the multiple itself, rounded once.
         measured = (np.round(measured.astype(np.float64) / errors.quantum) * errors.quantum).astype(np.float32)
@@ -168,6 +204,49 @@ def _is_lost(semantic: np.ndarray, incidence: np.ndarray | None, errors: Imperfe
         steepness = np.clip((np.nan_to_num(incidence) - start) / (np.pi / 2 - start), 0.0, 1.0)
         kept = kept * (1.0 - errors.grazing_dropout * steepness)
     return draws.uniform(key, "dropout", semantic.shape[1]) >= kept
+
+
+def _reflectivity(scan: Scan, errors: Imperfections, key: np.ndarray) -> np.ndarray:
+    """(R, P) float32 share of the light that the surface of each ray sends back; each element has its own."""
+    usual = np.full(256, UNKNOWN_REFLECTIVITY, np.float32)
+    usual[list(REFLECTIVITY)] = list(REFLECTIVITY.values())
+    share = usual[scan.semantic]
+    if errors.reflectivity_spread > 0.0:
+        number = np.maximum(scan.element, 0)
+        draw = draws.uniform(key, "reflectivity", int(number.max()) + 1)
+        share = share * (1.0 + errors.reflectivity_spread * (2.0 * np.take_along_axis(draw, number, 1) - 1.0))
+    return np.clip(share, LEAST_LIGHT, 1.0).astype(np.float32)
+
+
+def _bias(light: np.ndarray | None, incidence: np.ndarray | None, errors: Imperfections) -> np.ndarray | np.float32:
+    """[m] by which ranges come out too far."""
+    bias = np.float32(0.0)
+    if light is not None:
+        bias = bias + np.float32(errors.dark_bias) * (np.float32(1.0) - light)
+    if errors.slant_bias > 0.0:
+        slant = 1.0 / np.cos(np.minimum(np.nan_to_num(incidence), np.radians(MOST_SLANT))) - 1.0
+        bias = bias + (errors.slant_bias * slant).astype(np.float32)
+    return bias
+
+
+def _sigma_by_light(
+    distance: np.ndarray, light: np.ndarray, incidence: np.ndarray, errors: Imperfections
+) -> np.ndarray:
+    """(R, P) float32 [m] the part of the noise that grows as less light comes back; 0 of misses."""
+    slant = np.minimum(np.nan_to_num(incidence), np.radians(MOST_SLANT))
+    intensity = light * np.cos(slant) / np.square(np.where(np.isfinite(distance), distance, np.float32(1.0)))
+    with np.errstate(divide="ignore"):  # at the sensor itself there is light without end
+        sigma = errors.noise_by_light / np.sqrt(intensity)
+    return np.where(np.isfinite(distance), sigma, 0.0).astype(np.float32)
+
+
+def _with_gross_errors(measured: np.ndarray, sensor: RangeSensor, key: np.ndarray) -> np.ndarray:
+    """Ranges (R, P), some of which are anything within the sensor's reach; misses stay misses."""
+    errors, count = sensor.imperfections, measured.shape[1]
+    low, high = sensor.range_limits[0], min(sensor.range_limits[1], errors.gross_reach)
+    anywhere = low + max(high - low, 0.0) * draws.uniform(key, "gross range", count)
+    wrong = np.isfinite(measured) & (draws.uniform(key, "gross", count) < errors.gross_chance)
+    return np.where(wrong, anywhere.astype(np.float32), measured)
 
 
 def _mixed(distance: np.ndarray, sensor: RangeSensor, key: np.ndarray) -> np.ndarray:

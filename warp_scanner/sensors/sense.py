@@ -79,7 +79,7 @@ def measured(
         threads: how many to use; by default one for each core it may run on.
     """
     (sensor, pose), incidence = seen, None
-    if sensor.imperfections.grazing_dropout > 0.0:
+    if sensor.imperfections.by_incidence:
         distance, slot = cast_which(*scene, sensor, pose, threads)
         rays = rays_of(sensor, pose)
         incidence = incidence_of(normals_of(scene[0], slot, distance, rays), rays)
