@@ -1,0 +1,250 @@
+"""Where in a building a scan that looks all around was taken, told by nothing but what it sees.
+
+Tried are all free places of the building at all headings, by coarse panoramas. Those that fit best are laid upon the
+surfaces that their rays meet, and compared ray by ray. A place is believed only where it fits clearly better than every
+other one; else the scan is refused, and the places that look alike are named.
+
+K places, P rays. Positions are offsets from the building's origin: metres, z up.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jaxmm.inputs import Misfit
+from jaxmm.rays.scan_rays import drawn, overtaken
+from jaxmm.verdicts.free_places import free_places
+from jaxmm.verdicts.panoramas import AZIMUTHS, LEAST_SPAN, fits_of, panorama_of, span_of_azimuth, upright_of
+from warp_scanner.clouds.voxels import thin_clouds
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.triangles import TriangleScene, cast_faces, face_normals
+
+MOST_BEHIND = 0.15  # share of points behind others, beyond which the scan was not taken from the zero of its frame
+FARTHEST = 60.0  # [m] points farther away tell little of a place
+VOXEL = 0.1  # [m] points are drawn from a cloud thinned to it, so that what is far away counts, too
+ROUGH_RAYS, FINE_RAYS = 600, 4000  # that places are laid by, and compared by in the end
+TRIED, COMPARED = 400, 40  # places that are laid roughly, and finely
+APART, TURNED = 0.4, np.radians(12.0)  # places of the grid that are nearer, in plan and heading, are laid once
+REACHES = (0.8, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.2)  # [m] within which rays are laid on surfaces, step by step
+FINE_REACHES = (0.2, 0.15, 0.1, 0.1, 0.1)
+STEP = (0.3, 0.3, 0.2, 0.03, 0.03, 0.1)  # [m, rad] standard deviations of one step: what is open moves little
+GRAZING = 0.1  # cosine of the incidence, below which a ray tells no distance
+UPON, ALONG = 0.08, 0.4  # [m] off the surface, and along the ray, up to which it ends upon what it should
+PASSES = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a surface passes through it
+SAME, SAME_TURN = 0.25, np.radians(4.0)  # [m, rad] one place
+LEAST_FIT = 0.35  # share of the rays that must end where the building has a surface
+MOST_THROUGH = 0.25  # share that may pass through one
+CLEARLY = 0.04  # share of the rays by which it must fit better than elsewhere
+MOST_AGAINST = 0.4  # of the rays that tell two places apart, the share that may speak for the other
+NAMED = 5  # places that look alike
+
+
+class Place(NamedTuple):
+    """Where a scan may have been taken."""
+
+    position: np.ndarray  # (3,) float64 [m]
+    rotation: np.ndarray  # (3, 3) float64 sensor frame to world
+    fit: float  # share of the rays that end where the building has a surface
+    through: float  # share that pass through one
+
+
+class Searched(NamedTuple):
+    """The place of a scan, and how sure that is."""
+
+    place: Place
+    tried: int  # places
+    elsewhere: float  # greatest `fit` of any other place
+
+
+class _Poses(NamedTuple):
+    position: np.ndarray  # (K, 3) float64
+    rotation: np.ndarray  # (K, 3, 3) float64 sensor frame to world
+
+    def at(self, rows: np.ndarray) -> "_Poses":
+        return _Poses(self.position[rows], self.rotation[rows])
+
+
+class _Met(NamedTuple):
+    """What the rays of a scan do from some places, (K, P) each."""
+
+    off: np.ndarray  # float64 [m] beyond the plane of the surface met; NaN where nothing tells it
+    normal: np.ndarray  # (K, P, 3) float64 unit, toward where the ray goes
+    upon: np.ndarray  # bool: it ends upon the surface
+    through: np.ndarray  # bool: it ends clearly behind it
+
+
+def search(scene: TriangleScene, points: np.ndarray, origin: np.ndarray | None = None) -> Searched:
+    """The place of a scan in a building.
+
+    Args:
+        scene: the building's triangles.
+        points: (N, 3) [m] in the sensor's frame, z about up.
+        origin: (3,) [m] of the offsets, for what is said.
+
+    Raises:
+        Misfit: it looks at too little, fits nowhere, or fits several places about as well, which are named.
+    """
+    points = _own_points(points)
+    upright = upright_of(points)
+    level = points @ upright.rotation.T
+    panorama = panorama_of(level)
+    places = free_places(scene, upright.heights)
+    if not len(places):
+        raise Misfit("the building has no floor that a sensor could stand above")
+    fits = fits_of(scene, places, panorama)
+    poses = _best_of(places, fits, upright.rotation)
+    thin = points[thin_clouds([points.astype(np.float32)], VOXEL)[0]]
+    rough, fine = (_some(thin, count) for count in (ROUGH_RAYS, FINE_RAYS))
+    poses = _laid(scene, poses, rough, REACHES)
+    poses = poses.at(_distinct(poses, _score(_met(scene, poses, rough)))[:COMPARED])
+    poses = _laid(scene, poses, fine, FINE_REACHES)
+    met = _met(scene, poses, fine)
+    order = _distinct(poses, _score(met))
+    return _decided(poses.at(order), _Met(*(field[order] for field in met)), len(places), origin)
+
+
+def _own_points(points: np.ndarray) -> np.ndarray:
+    """Those that can be used; Misfit where they are not of one place, or look at too little."""
+    zero = np.zeros(3)
+    points = drawn(np.asarray(points, np.float64), zero)
+    points = points[np.linalg.norm(points, axis=1) < FARTHEST]
+    span = span_of_azimuth(points)
+    if span < LEAST_SPAN:
+        raise Misfit(
+            f"too narrow to search its pose: it spans {span:.0f} degrees of azimuth about the zero of its frame; "
+            f"expected at least {LEAST_SPAN:.0f}, as of a scanner that looks around; give the pose with --pose"
+        )
+    if (behind := overtaken(points, zero)) > MOST_BEHIND:
+        raise Misfit(
+            f"its pose cannot be searched: {behind:.0%} of its points lie behind others as seen from the zero of its "
+            f"frame; expected at most {MOST_BEHIND:.0%}, as of points in the frame of the sensor"
+        )
+    return points
+
+
+def _some(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (P, 3) and ranges (P,) of so many points, in the order of their azimuths, which rays are fast in."""
+    points = np.random.default_rng(0).permutation(points)[:count]
+    points = points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))]
+    reach = np.linalg.norm(points, axis=1)
+    return points / reach[:, None], reach
+
+
+def _best_of(places: np.ndarray, fits: np.ndarray, upright: np.ndarray) -> _Poses:
+    """The places and headings that fit best, each the best one around it."""
+    order = np.argsort(-fits, axis=None)
+    place, turn = np.unravel_index(order[: 100 * TRIED], fits.shape)
+    yaw = 2.0 * np.pi * turn / AZIMUTHS
+    kept: list[int] = []
+    taken = np.zeros(len(place), bool)
+    for one in range(len(place)):
+        if taken[one]:
+            continue
+        kept.append(one)
+        if len(kept) == TRIED:
+            break
+        near = np.linalg.norm(places[place] - places[place[one]], axis=1) < APART
+        taken |= near & (np.abs(_wrapped(yaw - yaw[one])) < TURNED)
+    rotation = Rotation.from_euler("z", yaw[kept, None]).as_matrix() @ upright
+    return _Poses(places[place[kept]], rotation)
+
+
+def _met(scene: TriangleScene, poses: _Poses, rays: tuple[np.ndarray, np.ndarray]) -> _Met:
+    direction, reach = rays
+    scan, face = cast_faces(scene, Rays(poses.position, direction, poses.rotation))
+    ways = np.einsum("kij,pj->kpi", poses.rotation, direction)
+    normal = face_normals(scene.triangles, face).astype(np.float64)
+    normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
+    cosine = np.einsum("kpi,kpi->kp", normal, ways)
+    normal, cosine = normal * np.where(cosine < 0.0, -1.0, 1.0)[..., None], np.abs(cosine)
+    beyond = reach - scan.distance.astype(np.float64)  # -inf where nothing is met
+    with np.errstate(invalid="ignore"):
+        off = np.where((cosine > GRAZING) & np.isfinite(beyond), beyond * cosine, np.nan)
+        upon = (np.abs(beyond * np.maximum(cosine, GRAZING)) < UPON) & (np.abs(beyond) < ALONG)
+    return _Met(off, normal, upon, ~upon & (beyond > PASSES[0] + PASSES[1] * reach))
+
+
+def _laid(
+    scene: TriangleScene, poses: _Poses, rays: tuple[np.ndarray, np.ndarray], reaches: tuple[float, ...]
+) -> _Poses:
+    """Poses moved so that rays end upon the surfaces that they meet, point to plane (Chen and Medioni 1992).
+
+    Each ray belongs to the surface that it meets first (Blais and Levine 1995); what is off by more than the reach of a
+    step counts for nothing in it, and less the farther it is off (Tukey's weights).
+    """
+    direction, reach = rays
+    for within in reaches:
+        met = _met(scene, poses, rays)
+        share = np.nan_to_num(met.off / within, nan=1.0)
+        weight = np.square(np.maximum(1.0 - np.square(share), 0.0))
+        off = np.nan_to_num(met.off)
+        arm = np.einsum("kij,pj->kpi", poses.rotation, direction * reach[:, None])
+        slope = np.concatenate([met.normal, np.cross(arm, met.normal)], axis=2)
+        slope = np.nan_to_num(slope)
+        told = np.einsum("kpi,kp,kpj->kij", slope, weight, slope)
+        wanted = -np.einsum("kpi,kp->ki", slope, weight * off)
+        step = np.linalg.solve(told + np.diag((0.1 / np.array(STEP)) ** 2), wanted[..., None])[..., 0]
+        turn = Rotation.from_rotvec(step[:, 3:]).as_matrix()
+        poses = _Poses(poses.position + step[:, :3], turn @ poses.rotation)
+    return poses
+
+
+def _score(met: _Met) -> np.ndarray:
+    return met.upon.mean(axis=1) - met.through.mean(axis=1)
+
+
+def _distinct(poses: _Poses, score: np.ndarray) -> np.ndarray:
+    """Rows of different places, the best first."""
+    kept: list[int] = []
+    for one in np.argsort(-score):
+        if not any(_are_same(poses, one, other) for other in kept):
+            kept.append(int(one))
+    return np.array(kept)
+
+
+def _are_same(poses: _Poses, one: int, other: int) -> bool:
+    apart = poses.rotation[one] @ poses.rotation[other].T
+    turn = np.arccos(np.clip((np.trace(apart) - 1.0) / 2.0, -1.0, 1.0))
+    return bool(np.linalg.norm(poses.position[one] - poses.position[other]) < SAME and turn < SAME_TURN)
+
+
+def _wrapped(angle: np.ndarray) -> np.ndarray:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def _decided(poses: _Poses, met: _Met, tried: int, origin: np.ndarray | None) -> Searched:
+    """The first place, if it is clearly the best; else Misfit."""
+    found = [
+        Place(poses.position[one], poses.rotation[one], float(met.upon[one].mean()), float(met.through[one].mean()))
+        for one in range(len(poses.position))
+    ]
+    best, others = found[0], found[1:]
+    named = [_named(one, origin) for one in found]
+    if best.fit < LEAST_FIT or best.through > MOST_THROUGH:
+        raise Misfit(
+            f"its pose was searched and not found: of {tried} places the best is {named[0]}, where {best.fit:.0%} of "
+            f"its rays end on the building and {best.through:.0%} pass through it; expected at least {LEAST_FIT:.0%} "
+            f"and at most {MOST_THROUGH:.0%}; is it of this building? Else give its pose with --pose"
+        )
+    alike = [0]
+    for other in range(1, len(found)):
+        mine, theirs = met.upon[0] & ~met.upon[other], met.upon[other] & ~met.upon[0]
+        ahead, against = float(mine.mean() - theirs.mean()), float(theirs.sum() / max(1, mine.sum() + theirs.sum()))
+        if ahead < CLEARLY or against > MOST_AGAINST:
+            alike.append(other)
+    if len(alike) > 1:
+        told = "; ".join(f"{named[one]} ({found[one].fit:.0%})" for one in alike[:NAMED])
+        more = f"; and {len(alike) - NAMED} more" if len(alike) > NAMED else ""
+        raise Misfit(
+            f"its pose was searched, and {len(alike)} places look alike (X,Y,Z,YAW, and the share of its rays that end "
+            f"on the building there): {told}{more}; give the right one with --pose"
+        )
+    return Searched(best, tried, max((one.fit for one in others), default=0.0))
+
+
+def _named(place: Place, origin: np.ndarray | None) -> str:
+    """X,Y,Z,YAW as --pose takes them."""
+    position = place.position + (np.zeros(3) if origin is None else origin)
+    yaw = np.degrees(np.arctan2(place.rotation[1, 0], place.rotation[0, 0]))
+    return ",".join([*(f"{value:.2f}" for value in position), f"{yaw:.1f}"])
