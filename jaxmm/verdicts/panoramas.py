@@ -13,14 +13,14 @@ from jaxmm.inputs import Misfit
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import TriangleScene, cast_triangles
 
-LEAST_SPAN = 270.0  # [deg] of azimuth that a scan must look around by
+LEAST_SPAN = 150.0  # [deg] of azimuth that a scan must look around by
 AZIMUTHS, MOST_ELEVATIONS = 72, 10
 STEEPEST = np.radians(45.0)  # elevations beyond it see floor and ceiling alone
 OUTERMOST = (0.02, 0.98)  # quantiles of the elevations that the rows lie between
 BESIDE, RAYS_A_CELL = np.radians(1.5), 5  # from a cell's direction, and rays there whose median range counts
 LEAST_CELLS = 0.2  # share of the panorama with a return
 OFF, OFF_PER_METRE = 0.4, 0.06  # [m] and share of the range, by which a place and heading of the grid may be off
-THROUGH = 1.5  # a ray that ends beyond a surface counts so many times as one that ends before it
+THROUGH = 1.0
 TOGETHER = 48  # places whose panoramas are compared at once: what fits into the fast memory
 CELLS_AT_ONCE = 4_000_000  # rays of one cast
 

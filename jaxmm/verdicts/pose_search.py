@@ -32,6 +32,8 @@ STEP = (0.3, 0.3, 0.2, 0.03, 0.03, 0.1)  # [m, rad] standard deviations of one s
 GRAZING = 0.1  # cosine of the incidence, below which a ray tells no distance
 UPON, ALONG = 0.08, 0.4  # [m] off the surface, and along the ray, up to which it ends upon what it should
 PASSES = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a surface passes through it
+MOST_GONE, PASSED = 3, 0.8  # elements that may be gone: of their rays that end on or behind them, the share that passes
+LEAST_PASSED, GONE = 0.01, 0.02  # share of all rays that tell it, and what each costs, in shares of rays that fit
 SAME, SAME_TURN = 0.25, np.radians(4.0)  # [m, rad] one place
 LEAST_FIT = 0.35  # share of the rays that must end where the building has a surface
 MOST_THROUGH = 0.25  # share that may pass through one
@@ -72,6 +74,7 @@ class _Met(NamedTuple):
     normal: np.ndarray  # (K, P, 3) float64 unit, toward where the ray goes
     upon: np.ndarray  # bool: it ends upon the surface
     through: np.ndarray  # bool: it ends clearly behind it
+    element: np.ndarray  # int32 of the surface, -1
 
 
 def search(scene: TriangleScene, points: np.ndarray, origin: np.ndarray | None = None) -> Searched:
@@ -97,11 +100,18 @@ def search(scene: TriangleScene, points: np.ndarray, origin: np.ndarray | None =
     thin = points[thin_clouds([points.astype(np.float32)], VOXEL)[0]]
     rough, fine = (_some(thin, count) for count in (ROUGH_RAYS, FINE_RAYS))
     poses = _laid(scene, poses, rough, REACHES)
-    poses = poses.at(_distinct(poses, _score(_met(scene, poses, rough)))[:COMPARED])
-    poses = _laid(scene, poses, fine, FINE_REACHES)
-    met = _met(scene, poses, fine)
-    order = _distinct(poses, _score(met))
-    return _decided(poses.at(order), _Met(*(field[order] for field in met)), len(places), origin)
+    stands = _standing(scene, poses, rough)
+    score = _score(_met(scene, poses, rough, stands), stands)
+    poses = poses.at(_distinct(poses, score)[:COMPARED])
+    stands = _standing(scene, poses, fine)
+    poses = _laid(scene, poses, fine, FINE_REACHES, stands)
+    stands = _standing(scene, poses, fine)
+    met = _met(scene, poses, fine, stands)
+    score = _score(met, stands)
+    order = _distinct(poses, score)
+    return _decided(
+        poses.at(order), _Met(*(field[order] for field in met)), score[order], len(places), origin, upright.rotation
+    )
 
 
 def _own_points(points: np.ndarray) -> np.ndarray:
@@ -150,9 +160,27 @@ def _best_of(places: np.ndarray, fits: np.ndarray, upright: np.ndarray) -> _Pose
     return _Poses(places[place[kept]], rotation)
 
 
-def _met(scene: TriangleScene, poses: _Poses, rays: tuple[np.ndarray, np.ndarray]) -> _Met:
+def _standing(scene: TriangleScene, poses: _Poses, rays: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """(K, E) bool: the elements without those few that look gone from a place, as nearly all rays pass them."""
+    stands = np.ones((len(poses.position), len(scene.triangles.semantic)), bool)
+    for _ in range(MOST_GONE):
+        met = _met(scene, poses, rays, stands)
+        passed, ended = (
+            np.stack([np.bincount(element[of], minlength=stands.shape[1]) for element, of in zip(met.element, which)])
+            for which in (met.through, met.upon)
+        )
+        passed = np.where(passed > PASSED * (passed + ended), passed, 0)
+        most = passed.argmax(axis=1)
+        gone = passed.max(axis=1) >= LEAST_PASSED * len(rays[1])
+        stands[np.flatnonzero(gone), most[gone]] = False
+    return stands
+
+
+def _met(
+    scene: TriangleScene, poses: _Poses, rays: tuple[np.ndarray, np.ndarray], stands: np.ndarray | None = None
+) -> _Met:
     direction, reach = rays
-    scan, face = cast_faces(scene, Rays(poses.position, direction, poses.rotation))
+    scan, face = cast_faces(scene, Rays(poses.position, direction, poses.rotation), stands)
     ways = np.einsum("kij,pj->kpi", poses.rotation, direction)
     normal = face_normals(scene.triangles, face).astype(np.float64)
     normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
@@ -162,11 +190,15 @@ def _met(scene: TriangleScene, poses: _Poses, rays: tuple[np.ndarray, np.ndarray
     with np.errstate(invalid="ignore"):
         off = np.where((cosine > GRAZING) & np.isfinite(beyond), beyond * cosine, np.nan)
         upon = (np.abs(beyond * np.maximum(cosine, GRAZING)) < UPON) & (np.abs(beyond) < ALONG)
-    return _Met(off, normal, upon, ~upon & (beyond > PASSES[0] + PASSES[1] * reach))
+    return _Met(off, normal, upon, ~upon & (beyond > PASSES[0] + PASSES[1] * reach), scan.element)
 
 
 def _laid(
-    scene: TriangleScene, poses: _Poses, rays: tuple[np.ndarray, np.ndarray], reaches: tuple[float, ...]
+    scene: TriangleScene,
+    poses: _Poses,
+    rays: tuple[np.ndarray, np.ndarray],
+    reaches: tuple[float, ...],
+    stands: np.ndarray | None = None,
 ) -> _Poses:
     """Poses moved so that rays end upon the surfaces that they meet, point to plane (Chen and Medioni 1992).
 
@@ -175,7 +207,7 @@ def _laid(
     """
     direction, reach = rays
     for within in reaches:
-        met = _met(scene, poses, rays)
+        met = _met(scene, poses, rays, stands)
         share = np.nan_to_num(met.off / within, nan=1.0)
         weight = np.square(np.maximum(1.0 - np.square(share), 0.0))
         off = np.nan_to_num(met.off)
@@ -190,8 +222,9 @@ def _laid(
     return poses
 
 
-def _score(met: _Met) -> np.ndarray:
-    return met.upon.mean(axis=1) - met.through.mean(axis=1)
+def _score(met: _Met, stands: np.ndarray) -> np.ndarray:
+    """(K,) share of the rays that end upon surfaces, less what passes through them and what must be gone for it."""
+    return met.upon.mean(axis=1) - met.through.mean(axis=1) - GONE * (~stands).sum(axis=1)
 
 
 def _distinct(poses: _Poses, score: np.ndarray) -> np.ndarray:
@@ -213,7 +246,7 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def _decided(poses: _Poses, met: _Met, tried: int, origin: np.ndarray | None) -> Searched:
+def _decided(poses: _Poses, met: _Met, score: np.ndarray, tried: int, origin, upright) -> Searched:
     """The first place, if it is clearly the best; else Misfit."""
     found = [
         Place(poses.position[one], poses.rotation[one], float(met.upon[one].mean()), float(met.through[one].mean()))
@@ -229,8 +262,7 @@ def _decided(poses: _Poses, met: _Met, tried: int, origin: np.ndarray | None) ->
         )
     alike = [0]
     for other in range(1, len(found)):
-        mine, theirs = met.upon[0] & ~met.upon[other], met.upon[other] & ~met.upon[0]
-        ahead, against = float(mine.mean() - theirs.mean()), float(theirs.sum() / max(1, mine.sum() + theirs.sum()))
+        ahead, against = _lead(met, other)
         if ahead < CLEARLY or against > MOST_AGAINST:
             alike.append(other)
     if len(alike) > 1:
@@ -241,6 +273,17 @@ def _decided(poses: _Poses, met: _Met, tried: int, origin: np.ndarray | None) ->
             f"on the building there): {told}{more}; give the right one with --pose"
         )
     return Searched(best, tried, max((one.fit for one in others), default=0.0))
+
+
+def _lead(met: _Met, other: int) -> tuple[float, float]:
+    """By which share of the rays the first place fits better than another, and how many of those that differ do not.
+
+    The element that tells most for the first place is left out: one such may have been put up at the other.
+    """
+    mine, theirs = met.upon[0] & ~met.upon[other], met.upon[other] & ~met.upon[0]
+    by_element = np.bincount(met.element[0, mine])
+    mine, theirs = int(mine.sum() - by_element.max(initial=0)), int(theirs.sum())
+    return (mine - theirs) / met.upon.shape[1], theirs / max(1, mine + theirs)
 
 
 def _named(place: Place, origin: np.ndarray | None) -> str:
