@@ -1,6 +1,7 @@
 """Generated buildings of several rooms on several storeys: boxes for walls with doors and windows, slabs and columns.
 
-Plan coordinates are in metres, the lowest floor at z = 0. A rectangle is x and y of its low corner, then of its high one.
+Plan coordinates are in metres, the lowest floor at z = 0. A rectangle is x and y of its low corner,
+then of its high one.
 """
 
 import numpy as np
@@ -55,7 +56,9 @@ def _storey(rng: np.random.Generator, size: np.ndarray, floor: float, clear: flo
     elements = [(FLOOR, [_box((0, 0, floor - SLAB), (*size, floor))])]
     for axis in (0, 1):
         for start in (0.0, size[1 - axis] - OUTER):
-            elements.append((WALL, _wall((axis, start, OUTER), (0.0, size[axis]), (floor, top), _windows(rng, size[axis]))))
+            elements.append(
+                (WALL, _wall((axis, start, OUTER), (0.0, size[axis]), (floor, top), _windows(rng, size[axis])))
+            )
     inside = np.array([OUTER, OUTER, size[0] - OUTER, size[1] - OUTER])
     rooms: list[np.ndarray] = []
     for wall in _divided(rng, inside, rooms, (floor, top)):

@@ -10,6 +10,7 @@ K places, P rays. Positions are offsets from the building's origin: metres, z up
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from jaxmm.inputs import Misfit
@@ -23,9 +24,9 @@ from warp_scanner.sensors.triangles import TriangleScene, cast_faces, face_norma
 MOST_BEHIND = 0.15  # share of points behind others, beyond which the scan was not taken from the zero of its frame
 FARTHEST = 60.0  # [m] points farther away tell little of a place
 VOXEL = 0.1  # [m] points are drawn from a cloud thinned to it, so that what is far away counts, too
-ROUGH_RAYS, FINE_RAYS = 600, 4000  # that places are laid by, and compared by in the end
-TRIED, COMPARED = 400, 40  # places that are laid roughly, and finely
-APART, TURNED = 0.4, np.radians(12.0)  # places of the grid that are nearer, in plan and heading, are laid once
+ROUGH_RAYS, FINE_RAYS = 400, 3000  # that places are laid by, and compared by in the end
+TRIED, COMPARED = 250, 30  # places that are laid roughly, and finely
+APART, TURNED = 0.6, 2  # [m], and headings of the grid: what is nearer than that is laid once
 REACHES = (0.8, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.2)  # [m] within which rays are laid on surfaces, step by step
 FINE_REACHES = (0.2, 0.15, 0.1, 0.1, 0.1)
 STEP = (0.3, 0.3, 0.2, 0.03, 0.03, 0.1)  # [m, rad] standard deviations of one step: what is open moves little
@@ -35,10 +36,10 @@ PASSES = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a 
 MOST_GONE, PASSED = 3, 0.8  # elements that may be gone: of their rays that end on or behind them, the share that passes
 LEAST_PASSED, GONE = 0.01, 0.02  # share of all rays that tell it, and what each costs, in shares of rays that fit
 SAME, SAME_TURN = 0.25, np.radians(4.0)  # [m, rad] one place
-LEAST_FIT = 0.35  # share of the rays that must end where the building has a surface
-MOST_THROUGH = 0.25  # share that may pass through one
-CLEARLY = 0.04  # share of the rays by which it must fit better than elsewhere
-MOST_AGAINST = 0.4  # of the rays that tell two places apart, the share that may speak for the other
+LEAST_FIT = 0.5  # share of the rays that must end where the building has a surface
+MOST_THROUGH = 0.15  # share that may pass through one
+CLEARLY = 0.015  # share of the rays by which it must fit better than elsewhere
+MOST_AGAINST = 0.25  # of the rays that tell two places apart, the share that may speak for the other
 NAMED = 5  # places that look alike
 
 
@@ -49,6 +50,12 @@ class Place(NamedTuple):
     rotation: np.ndarray  # (3, 3) float64 sensor frame to world
     fit: float  # share of the rays that end where the building has a surface
     through: float  # share that pass through one
+    gone: int  # elements that must be gone for it: nearly all rays pass them
+
+    def named(self, origin: np.ndarray) -> str:
+        """X,Y,Z,YAW as --pose takes them."""
+        yaw = np.degrees(np.arctan2(self.rotation[1, 0], self.rotation[0, 0]))
+        return ",".join([*(f"{value:.2f}" for value in self.position + origin), f"{yaw:.1f}"])
 
 
 class Searched(NamedTuple):
@@ -107,11 +114,15 @@ def search(scene: TriangleScene, points: np.ndarray, origin: np.ndarray | None =
     poses = _laid(scene, poses, fine, FINE_REACHES, stands)
     stands = _standing(scene, poses, fine)
     met = _met(scene, poses, fine, stands)
-    score = _score(met, stands)
-    order = _distinct(poses, score)
-    return _decided(
-        poses.at(order), _Met(*(field[order] for field in met)), score[order], len(places), origin, upright.rotation
-    )
+    order = _distinct(poses, _score(met, stands))
+    met = _Met(*(field[order] for field in met))
+    gone = (~stands[order]).sum(axis=1)
+    fits, passed = met.upon.mean(axis=1), met.through.mean(axis=1)
+    found = [
+        Place(poses.position[row], poses.rotation[row], float(fits[one]), float(passed[one]), int(gone[one]))
+        for one, row in enumerate(order)
+    ]
+    return _decided(found, met, len(places), np.zeros(3) if origin is None else origin)
 
 
 def _own_points(points: np.ndarray) -> np.ndarray:
@@ -143,21 +154,19 @@ def _some(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _best_of(places: np.ndarray, fits: np.ndarray, upright: np.ndarray) -> _Poses:
     """The places and headings that fit best, each the best one around it."""
-    order = np.argsort(-fits, axis=None)
-    place, turn = np.unravel_index(order[: 100 * TRIED], fits.shape)
-    yaw = 2.0 * np.pi * turn / AZIMUTHS
-    kept: list[int] = []
-    taken = np.zeros(len(place), bool)
-    for one in range(len(place)):
-        if taken[one]:
+    tree, taken = cKDTree(places), np.zeros(fits.shape, bool)
+    around = np.arange(-TURNED, TURNED + 1)
+    kept: list[tuple[int, int]] = []
+    for place, turn in zip(*np.unravel_index(np.argsort(-fits, axis=None), fits.shape), strict=True):
+        if taken[place, turn]:
             continue
-        kept.append(one)
+        kept.append((place, turn))
         if len(kept) == TRIED:
             break
-        near = np.linalg.norm(places[place] - places[place[one]], axis=1) < APART
-        taken |= near & (np.abs(_wrapped(yaw - yaw[one])) < TURNED)
-    rotation = Rotation.from_euler("z", yaw[kept, None]).as_matrix() @ upright
-    return _Poses(places[place[kept]], rotation)
+        taken[np.ix_(tree.query_ball_point(places[place], APART), (turn + around) % AZIMUTHS)] = True
+    place, turn = np.array(kept).T
+    rotation = Rotation.from_euler("z", 2.0 * np.pi * turn[:, None] / AZIMUTHS).as_matrix() @ upright
+    return _Poses(places[place], rotation)
 
 
 def _standing(scene: TriangleScene, poses: _Poses, rays: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -165,15 +174,18 @@ def _standing(scene: TriangleScene, poses: _Poses, rays: tuple[np.ndarray, np.nd
     stands = np.ones((len(poses.position), len(scene.triangles.semantic)), bool)
     for _ in range(MOST_GONE):
         met = _met(scene, poses, rays, stands)
-        passed, ended = (
-            np.stack([np.bincount(element[of], minlength=stands.shape[1]) for element, of in zip(met.element, which)])
-            for which in (met.through, met.upon)
-        )
+        passed, ended = (_count(met.element, which, stands.shape[1]) for which in (met.through, met.upon))
         passed = np.where(passed > PASSED * (passed + ended), passed, 0)
         most = passed.argmax(axis=1)
         gone = passed.max(axis=1) >= LEAST_PASSED * len(rays[1])
         stands[np.flatnonzero(gone), most[gone]] = False
     return stands
+
+
+def _count(element: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
+    """(K, E) how many of the chosen rays (K, P) bool meet each element; `element` (K, P) int32."""
+    row = np.nonzero(which)[0]
+    return np.bincount(row * count + element[which], minlength=len(which) * count).reshape(len(which), count)
 
 
 def _met(
@@ -229,50 +241,42 @@ def _score(met: _Met, stands: np.ndarray) -> np.ndarray:
 
 def _distinct(poses: _Poses, score: np.ndarray) -> np.ndarray:
     """Rows of different places, the best first."""
-    kept: list[int] = []
-    for one in np.argsort(-score):
-        if not any(_are_same(poses, one, other) for other in kept):
-            kept.append(int(one))
+    left, kept = np.argsort(-score, kind="stable"), []
+    while len(left):
+        kept.append(int(left[0]))
+        left = left[~_are_same(poses, kept[-1], left)]
     return np.array(kept)
 
 
-def _are_same(poses: _Poses, one: int, other: int) -> bool:
-    apart = poses.rotation[one] @ poses.rotation[other].T
-    turn = np.arccos(np.clip((np.trace(apart) - 1.0) / 2.0, -1.0, 1.0))
-    return bool(np.linalg.norm(poses.position[one] - poses.position[other]) < SAME and turn < SAME_TURN)
+def _are_same(poses: _Poses, one: int, others: np.ndarray) -> np.ndarray:
+    """Whether others (n,) are one place with it; each is with itself."""
+    cosine = (np.einsum("ij,nij->n", poses.rotation[one], poses.rotation[others]) - 1.0) / 2.0
+    apart = np.linalg.norm(poses.position[others] - poses.position[one], axis=1)
+    return (apart < SAME) & (cosine > np.cos(SAME_TURN))
 
 
-def _wrapped(angle: np.ndarray) -> np.ndarray:
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
-
-
-def _decided(poses: _Poses, met: _Met, score: np.ndarray, tried: int, origin, upright) -> Searched:
-    """The first place, if it is clearly the best; else Misfit."""
-    found = [
-        Place(poses.position[one], poses.rotation[one], float(met.upon[one].mean()), float(met.through[one].mean()))
-        for one in range(len(poses.position))
-    ]
-    best, others = found[0], found[1:]
-    named = [_named(one, origin) for one in found]
+def _decided(found: list[Place], met: _Met, tried: int, origin: np.ndarray) -> Searched:
+    """The first place (K of them, the best first), if it fits, and clearly better than all others; else Misfit."""
+    best, named = found[0], [one.named(origin) for one in found]
     if best.fit < LEAST_FIT or best.through > MOST_THROUGH:
         raise Misfit(
             f"its pose was searched and not found: of {tried} places the best is {named[0]}, where {best.fit:.0%} of "
             f"its rays end on the building and {best.through:.0%} pass through it; expected at least {LEAST_FIT:.0%} "
-            f"and at most {MOST_THROUGH:.0%}; is it of this building? Else give its pose with --pose"
+            f"and at most {MOST_THROUGH:.0%}; check that it is of this building, and its unit (--unit), or give its "
+            "pose with --pose"
         )
-    alike = [0]
-    for other in range(1, len(found)):
-        ahead, against = _lead(met, other)
-        if ahead < CLEARLY or against > MOST_AGAINST:
-            alike.append(other)
+    leads = [_lead(met, other) for other in range(1, len(found))]
+    alike = [0] + [
+        other for other, (ahead, against) in enumerate(leads, 1) if ahead < CLEARLY or against > MOST_AGAINST
+    ]
     if len(alike) > 1:
         told = "; ".join(f"{named[one]} ({found[one].fit:.0%})" for one in alike[:NAMED])
         more = f"; and {len(alike) - NAMED} more" if len(alike) > NAMED else ""
         raise Misfit(
             f"its pose was searched, and {len(alike)} places look alike (X,Y,Z,YAW, and the share of its rays that end "
-            f"on the building there): {told}{more}; give the right one with --pose"
+            f"on the building there): {told}{more}; give the right one with --pose and --frame sensor"
         )
-    return Searched(best, tried, max((one.fit for one in others), default=0.0))
+    return Searched(best, tried, max((one.fit for one in found[1:]), default=0.0))
 
 
 def _lead(met: _Met, other: int) -> tuple[float, float]:
@@ -284,10 +288,3 @@ def _lead(met: _Met, other: int) -> tuple[float, float]:
     by_element = np.bincount(met.element[0, mine])
     mine, theirs = int(mine.sum() - by_element.max(initial=0)), int(theirs.sum())
     return (mine - theirs) / met.upon.shape[1], theirs / max(1, mine + theirs)
-
-
-def _named(place: Place, origin: np.ndarray | None) -> str:
-    """X,Y,Z,YAW as --pose takes them."""
-    position = place.position + (np.zeros(3) if origin is None else origin)
-    yaw = np.degrees(np.arctan2(place.rotation[1, 0], place.rotation[0, 0]))
-    return ",".join([*(f"{value:.2f}" for value in position), f"{yaw:.1f}"])
