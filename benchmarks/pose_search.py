@@ -122,7 +122,7 @@ def outcome(view: View) -> str:
     """Which of KINDS our search makes of it."""
     points = own_points(view.scan)
     try:
-        place = search(view.prior.scene, points).place
+        place = search(view.prior, points).place
         scan = posed(points, place.position, place.rotation)
         one = settled_scan(NamedScan(scan, "scan", len(points), "searched"))
         placed = placed_scan(view.prior, one, DetectSettings()).scan
@@ -135,7 +135,7 @@ def by_peer(view: View) -> str:
     """The same of the best coarse place and GICP."""
     points = own_points(view.scan)
     upright = upright_of(points)
-    places = free_places(view.prior.scene, upright.heights)
+    places = free_places(view.prior.building, view.prior.scene, upright.heights)
     fits = fits_of(view.prior.scene, places, panorama_of(points @ upright.rotation.T))
     place, turn = np.unravel_index(np.argmax(fits), fits.shape)
     rotation = Rotation.from_euler("z", 2.0 * np.pi * turn / AZIMUTHS).as_matrix() @ upright.rotation

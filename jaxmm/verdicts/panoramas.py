@@ -88,11 +88,12 @@ def _heights(below: np.ndarray) -> tuple[float, ...]:
     count = count[:-1] + count[1:]
     if count.max() < LEAST_LEVEL:
         return ()
+    # The lowest level that is seen nearly as much, at its own peak.
     deepest = int(np.flatnonzero(count >= max(LEAST_LEVEL, AS_MUCH * count.max()))[-1])
-    found = []
-    for one in sorted({deepest - int(np.argmax(count[max(0, deepest - 3) : deepest + 1][::-1])), int(count.argmax())}):
-        middle = LOWEST + BIN * (one + 1)
-        height = float(np.median(below[np.abs(below - middle) <= BIN]))
+    around = np.arange(max(0, deepest - 3), deepest + 1)
+    found: list[float] = []
+    for one in sorted({int(count.argmax()), int(around[count[around].argmax()])}):
+        height = float(np.median(below[np.abs(below - (LOWEST + BIN * (one + 1))) <= BIN]))
         if not found or height - found[-1] > 2 * BIN:
             found.append(height)
     return tuple(found)

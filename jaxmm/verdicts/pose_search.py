@@ -17,6 +17,7 @@ from jaxmm.inputs import Misfit
 from jaxmm.rays.scan_rays import drawn, overtaken
 from jaxmm.verdicts.free_places import free_places
 from jaxmm.verdicts.panoramas import AZIMUTHS, LEAST_SPAN, fits_of, panorama_of, span_of_azimuth, upright_of
+from jaxmm.verdicts.priors import Prior
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import TriangleScene, cast_faces, face_normals
@@ -84,22 +85,21 @@ class _Met(NamedTuple):
     element: np.ndarray  # int32 of the surface, -1
 
 
-def search(scene: TriangleScene, points: np.ndarray, origin: np.ndarray | None = None) -> Searched:
+def search(prior: Prior, points: np.ndarray) -> Searched:
     """The place of a scan in a building.
 
     Args:
-        scene: the building's triangles.
+        prior: of elements.
         points: (N, 3) [m] in the sensor's frame, z about up.
-        origin: (3,) [m] of the offsets, for what is said.
 
     Raises:
         Misfit: it looks at too little, fits nowhere, or fits several places about as well, which are named.
     """
-    points = _own_points(points)
+    points, scene = _own_points(points), prior.scene
     upright = upright_of(points)
     level = points @ upright.rotation.T
     panorama = panorama_of(level)
-    places = free_places(scene, upright.heights)
+    places = free_places(prior.building, scene, upright.heights)
     if not len(places):
         raise Misfit("the building has no floor that a sensor could stand above")
     fits = fits_of(scene, places, panorama)
@@ -122,7 +122,7 @@ def search(scene: TriangleScene, points: np.ndarray, origin: np.ndarray | None =
         Place(poses.position[row], poses.rotation[row], float(fits[one]), float(passed[one]), int(gone[one]))
         for one, row in enumerate(order)
     ]
-    return _decided(found, met, len(places), np.zeros(3) if origin is None else origin)
+    return _decided(found, met, len(places), prior.origin)
 
 
 def _own_points(points: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ def searched_scan(prior: Prior, scan: PointScan, frame: str, unit: float | None)
     unit, told = (unit, ()) if unit is not None else _likeliest_unit(points)
     points = points * unit
     try:
-        found = search(prior.scene, points, prior.origin)
+        found = search(prior, points)
     except Misfit as error:
         hint = f"; it was read in {UNITS[unit]}, see --unit" if told else ""
         raise Misfit(f"--pose search: {error}{hint}") from error
