@@ -37,6 +37,8 @@ PASSES = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a 
 MOST_GONE, PASSED = 3, 0.8  # elements that may be gone: of their rays that end on or behind them, the share that passes
 LEAST_PASSED, GONE = 0.01, 0.02  # share of all rays that tell it, and what each costs, in shares of rays that fit
 SAME, SAME_TURN = 0.25, np.radians(4.0)  # [m, rad] one place
+# In views of generated buildings with changes and furniture, right places have 0.77 at least, lead by 0.025, and have
+# 0.16 against them at most; places that scans of other buildings fit best have 0.68 at most and 0.6 against them.
 LEAST_FIT = 0.5  # share of the rays that must end where the building has a surface
 MOST_THROUGH = 0.15  # share that may pass through one
 CLEARLY = 0.015  # share of the rays by which it must fit better than elsewhere
