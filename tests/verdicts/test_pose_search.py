@@ -61,14 +61,18 @@ def assert_turned(degrees, expected):
     assert (degrees - expected + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=0.5)
 
 
+def indoors(prior, storey, height):
+    """Free places on one storey."""
+    places = free_places(prior.building, prior.scene, (height,))
+    return places[np.abs(places[:, 2] - prior.building.storeys.elevation[storey] - height) < 0.1]
+
+
 @pytest.mark.parametrize(("seed", "sensor"), [(42, SPINNING), (43, AROUND), (46, SPINNING)])
 def test_in_an_asymmetric_building_the_place_is_found(seed, sensor):
     """At any heading, tilted by a few degrees, on the upper of two storeys, with an inner wall gone."""
     prior = prior_of(seed)
     rng = np.random.default_rng(seed)
-    places = free_places(prior.building, prior.scene, (1.3,))
-    floor = prior.building.storeys.elevation[1]
-    there = places[np.abs(places[:, 2] - floor - 1.3) < 0.1]
+    there = indoors(prior, 1, 1.3)
     position = there[len(there) // 3] + rng.uniform(-0.1, 0.1, 3)
     rotation = turned(rng.uniform(-180.0, 180.0), *rng.uniform(-2.0, 2.0, 2))
     met = cast_triangles(prior.scene, Rays(position[None], sensor.directions())).element[0]
@@ -77,7 +81,7 @@ def test_in_an_asymmetric_building_the_place_is_found(seed, sensor):
     present = np.arange(len(count)) != np.argsort(count)[-3]
     found = search(prior, seen(prior, position, rotation, sensor, present))
     assert_there(found.place, position, rotation)
-    assert found.tried == pytest.approx(len(places), rel=0.2) and found.elsewhere < found.place.fit
+    assert found.tried > 2 * len(there) and found.elsewhere < found.place.fit
 
 
 def places_named(message):
@@ -99,7 +103,7 @@ def test_in_a_rectangular_room_both_headings_are_named():
 
 def test_storeys_that_repeat_are_named():
     prior = prior_of(44, 2, True)
-    places = free_places(prior.building, prior.scene, (1.3,))
+    places = indoors(prior, 0, 1.3)
     position = places[len(places) // 5]
     with pytest.raises(Misfit, match="places look alike") as told:
         search(prior, seen(prior, position, np.eye(3)))
@@ -129,14 +133,14 @@ def test_inner_walls_tell_the_heading_whatever_stands_before_them(yaw):
 
 def test_a_scan_of_another_building_is_refused():
     other = prior_of(43)
-    places = free_places(other.building, other.scene, (1.2,))
+    places = indoors(other, 0, 1.2)
     with pytest.raises(Misfit, match="its pose was searched"):
         search(prior_of(42), seen(other, places[len(places) // 2], np.eye(3)))
 
 
 def test_a_camera_is_too_narrow_and_points_of_many_places_are_none():
     prior = prior_of(42)
-    place = free_places(prior.building, prior.scene, (1.3,))[40]
+    place = indoors(prior, 0, 1.3)[40]
     with pytest.raises(Misfit, match=r"too narrow.*spans \d+ degrees of azimuth.*at least 150"):
         search(prior, seen(prior, place, np.eye(3), OAK_D_PRO_SMALL))
     apart = [seen(prior, place, np.eye(3)) + shift for shift in ((0.0, 0.0, 0.0), (9.0, 4.0, 0.0), (-6.0, 2.0, 0.0))]
