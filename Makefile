@@ -66,6 +66,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.latency
 	$(BIN)/python -m benchmarks.poses
 	$(BIN)/python -m benchmarks.mirrors
+	$(BIN)/python -m benchmarks.pose_search
 	$(BIN)/python -m benchmarks.matrix
 	$(BIN)/python -m benchmarks.accuracy --out runs/accuracy
 	$(BIN)/python -m benchmarks.objects --out runs/objects

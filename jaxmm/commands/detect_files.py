@@ -11,7 +11,7 @@ import numpy as np
 
 import jaxmm.reports.notebook  # noqa: F401 - with it, notebooks show a detection
 from jaxmm.files import check_empty, write_folder
-from jaxmm.formats.poses import GivenPose
+from jaxmm.formats.poses import SEARCH, AskedPose, GivenPose
 from jaxmm.formats.readers import PointScan, read_scans
 from jaxmm.ifc.update import write_update
 from jaxmm.inputs import InputError, Misfit
@@ -24,8 +24,10 @@ from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
 from jaxmm.verdicts.alignment import FRAMES, OwnScan, fitting_prior, frame_that_fits, lay, own_scan
 from jaxmm.verdicts.detection import NamedScan, detect_scans
-from jaxmm.verdicts.priors import Prior
+from jaxmm.verdicts.panoramas import LEAST_SPAN
+from jaxmm.verdicts.priors import Prior, kind_of
 from jaxmm.verdicts.results import Detection
+from jaxmm.verdicts.searched_scans import searched_scan
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT
 from warp_scanner.buildings.positions import away_from, span_of
@@ -58,7 +60,7 @@ class Reading:
 def detect(
     prior: Path | str,
     scans: Sequence[Path | str] | Path | str,
-    poses: Sequence[GivenPose | None] | GivenPose | None = None,
+    poses: Sequence[AskedPose] | AskedPose = None,
     *,
     reading: Reading | None = None,
     settings: DetectSettings | None = None,
@@ -69,7 +71,8 @@ def detect(
     Args:
         prior: IFC or mesh file, or a point cloud.
         scans: point clouds, see `formats.readers`; a file may hold several.
-        poses: one for each scan; None takes the one of its file, or estimates it. None alone does so for all.
+        poses: one for each scan; None takes the one of its file, or estimates it, "search" looks for the only place in
+            the building that the scan fits. None or "search" alone does so for all.
         reading: units, frame and sensor.
         settings: how to detect.
         model: run folder or .safetensors file of models of the method "evidence".
@@ -79,19 +82,26 @@ def detect(
     """
     start = time.perf_counter()
     files = [Path(one) for one in ([scans] if isinstance(scans, str | os.PathLike) else scans)]
-    given = [poses] if isinstance(poses, GivenPose) else list(poses or ())
+    given: list[AskedPose] = [poses] if isinstance(poses, GivenPose | str) else list(poses or ())
     reading, settings = reading or Reading(), settings or DetectSettings()
     judges = read_judges(Path(model))
     found = [(file, scan) for file in files for scan in read_scans(file)]
     if not found:
         raise InputError("scans: expected at least one, got none")
-    if given and len(given) != len(found):
+    given = given * len(found) if given == [SEARCH] else given or [None] * len(found)
+    if len(given) != len(found):
         raise InputError(f"--pose: expected one for each of {len(found)} scans (or own), got {len(given)}")
-    own = []
-    for (file, scan), pose in zip(found, given or [None] * len(found), strict=True):
+    if SEARCH in given:
+        _check_search(Path(prior), reading)
+    posed: list[OwnScan | None] = []  # None: to be searched, once the prior is read
+    for (file, scan), pose in zip(found, given, strict=True):
         with _told_of(file):
-            own.append(own_scan(scan, pose, reading.frame))
-    read = fitting_prior(Path(prior), reading.prior, own, reading.unit)
+            posed.append(None if pose == SEARCH else own_scan(scan, pose, reading.frame))
+    read = fitting_prior(Path(prior), reading.prior, [one for one in posed if one is not None], reading.unit)
+    own = []
+    for (file, scan), one in zip(found, posed, strict=True):
+        with _told_of(file):
+            own.append(one or searched_scan(read, scan, reading.frame, reading.unit))
     named = []
     try:
         for (file, scan), mine, name in zip(found, own, _names([file for file, _ in found]), strict=True):
@@ -100,8 +110,8 @@ def detect(
         loaded = time.perf_counter() - start
         detection = detect_scans(read, named, judges, settings)
     except Misfit as error:
-        pairs = zip(found, given or [None] * len(found), strict=True)
-        others = {frame_that_fits(read, scan, pose, reading.frame, reading.unit) for (_, scan), pose in pairs} - {""}
+        pairs = [(scan, pose) for (_, scan), pose in zip(found, given, strict=True) if pose != SEARCH]
+        others = {frame_that_fits(read, scan, pose, reading.frame, reading.unit) for scan, pose in pairs} - {""}
         if len(others) != 1:
             raise
         raise Misfit(f"{error}; its points do lie on the prior with --frame {others.pop()}") from error
@@ -140,6 +150,17 @@ def write_all(detection: Detection, prior: Path | str, out: Path | str, *, apply
     return said
 
 
+def _check_search(prior: Path, reading: Reading) -> None:
+    """Refuse to search in what is no building, and for what does not look around."""
+    if kind_of(prior) == "cloud":
+        raise InputError(f"--pose search: expected an IFC or mesh file to search in, got the point cloud {prior}")
+    if isinstance(reading.sensor, Pinhole):
+        raise InputError(
+            f"--pose search: too narrow: the sensor spans {reading.sensor.horizontal_fov:g} degrees of azimuth; "
+            f"expected at least {LEAST_SPAN:g}, as of a scanner that looks around"
+        )
+
+
 @contextlib.contextmanager
 def _told_of(file: Path) -> Iterator[None]:
     """Errors that come up name the file."""
@@ -173,8 +194,8 @@ def _names(files: list[Path]) -> list[str]:
 
 def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Reading) -> NamedScan:
     """One scan in its place, with all that was assumed about it."""
-    points, pose, source, told, contradictions = lay(prior, own, reading.unit)
-    notes, sensor, deviation, doubts = [*scan.remarks, *told], reading.sensor, None, list(contradictions)
+    points, pose, source, told, contradictions = lay(prior, own, 1.0 if own.source == "searched" else reading.unit)
+    notes, sensor, deviation, doubts = [*scan.remarks, *own.notes, *told], reading.sensor, None, list(contradictions)
     thin = points[thin_clouds([(points - prior.origin).astype(np.float32)], ESTIMATED_FROM)[0]]
     if pose is not None:
         view = (sensor.horizontal_fov, sensor.vertical_fov) if isinstance(sensor, Pinhole) else None

@@ -8,7 +8,8 @@ from jaxmm.inputs import InputError
 EXAMPLE = "jaxmm detect house.ifc scan.e57 --pose 4,-3,1.5,90 --sensor oak-d-pro --out found"
 POSES = (
     "for every scan one, in order, or a file of them: JSON (angles, a quaternion or a 4x4 matrix) or a TUM trajectory; "
-    "own (in JSON null), the default of all: what the scan file says, else it is estimated"
+    "own (in JSON null), the default of all: what the scan file says, else it is estimated; search, also once for all "
+    "scans: a scanner's that looks around, where its points, in its own frame, fit one place in the building only"
 )
 SENSORS = (
     "oak-d-pro, oak-d-pro-small, velodyne-16, ouster-64, tls, also with -real behind the name, or a TOML file: says "
@@ -34,7 +35,11 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     )  # fmt: skip
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the reports")
     command.add_argument(
-        "--pose", action="append", default=[], metavar="X,Y,Z,YAW[,PITCH[,ROLL]]|own|FILE", help=f"{pose}; {POSES}"
+        "--pose",
+        action="append",
+        default=[],
+        metavar="X,Y,Z,YAW[,PITCH[,ROLL]]|own|search|FILE",
+        help=f"{pose}; {POSES}",
     )
     command.add_argument("--sensor", metavar="NAME|FILE", help=SENSORS)
     command.add_argument("--preset", choices=("default", "thesis"), help="how points become boxes")

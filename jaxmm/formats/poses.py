@@ -4,7 +4,7 @@ import json
 import math
 import os
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,10 +13,11 @@ from jaxmm.inputs import InputError
 
 FARTHEST = 1e9  # [m] coordinates beyond this are taken for mistakes
 OWN = "own"  # in place of a pose: that of the scan's file, or the estimated one
+SEARCH = "search"  # in place of a pose: the place in the building that the scan fits, and no other
 FORM = "X,Y,Z,YAW[,PITCH[,ROLL]], finite, pitch within 90 degrees"
 JSON_FORM = (
     'expected {"position": [x, y, z], "yaw": degrees, "pitch": degrees, "roll": degrees}, or "quaternion": '
-    "[x, y, z, w] in place of the angles, or a 4x4 matrix, or a list of those and of nulls for own"
+    '[x, y, z, w] in place of the angles, or a 4x4 matrix, or a list of those, of nulls for own, and of "search"'
 )
 TUM_FORM = "expected lines of a TUM trajectory, timestamp x y z qx qy qz qw, with a quaternion of length 1"
 ANGLES = ("yaw", "pitch", "roll")
@@ -50,24 +51,28 @@ class GivenPose(NamedTuple):
         return _pose_of(self.position, self.rotation @ OPTICAL.T)._replace(of_points=False)
 
 
-def read_poses(words: list[str]) -> list[GivenPose | None]:
-    """The poses that the values of --pose give: numbers, OWN, or files that hold one pose or several.
+AskedPose = GivenPose | Literal["search"] | None  # None: the scan's own, that of its file or the estimated one
 
-    A file is JSON by its ending, and else a TUM trajectory. None stands for the scan's own pose: that of its file, or
-    the estimated one.
+
+def read_poses(words: list[str]) -> list[AskedPose]:
+    """The poses that the values of --pose give: numbers, OWN, SEARCH, or files that hold one pose or several.
+
+    A file is JSON by its ending, and else a TUM trajectory.
 
     Raises:
         InputError: none of these, or not of the form.
     """
-    found = []
+    found: list[AskedPose] = []
     for word in words:
         path = Path(word)
-        if path.suffix.lower() == ".json":
+        if word == SEARCH:
+            found.append(SEARCH)
+        elif path.suffix.lower() == ".json":
             found += _from_json(path)
         elif word != OWN and os.path.isfile(word):  # which bears names that no file can have
             found += _from_trajectory(path)
         else:
-            found.append(None if word == OWN else parse_pose(word, f"{FORM}, or {OWN}, or a file"))
+            found.append(None if word == OWN else parse_pose(word, f"{FORM}, or {OWN}, {SEARCH}, or a file"))
     return found
 
 
@@ -84,7 +89,7 @@ def parse_pose(text: str, form: str = FORM) -> GivenPose:
     return _checked(values, "--pose", repr(text), form)
 
 
-def _from_json(path: Path) -> list[GivenPose | None]:
+def _from_json(path: Path) -> list[AskedPose]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -94,7 +99,11 @@ def _from_json(path: Path) -> list[GivenPose | None]:
     entries = content if isinstance(content, list) and not _is_matrix(content) else [content]
     if not entries:
         raise InputError(f"--pose: {path}: {JSON_FORM}, got none")
-    return [None if entry is None and entries is content else _entry(path, entry) for entry in entries]
+    words = {None: None, SEARCH: SEARCH} if entries is content else {}
+    return [
+        words[entry] if (entry is None or isinstance(entry, str)) and entry in words else _entry(path, entry)
+        for entry in entries
+    ]
 
 
 def _is_matrix(value: Any) -> bool:
@@ -167,7 +176,7 @@ def _pose_of(position: np.ndarray, rotation: np.ndarray) -> GivenPose:
     return GivenPose(position, yaw, pitch, roll, of_points=True)
 
 
-def _from_trajectory(path: Path) -> list[GivenPose | None]:
+def _from_trajectory(path: Path) -> list[AskedPose]:
     """The poses of a TUM trajectory, in their order (Sturm et al., IROS 2012, for its form)."""
     where, found = f"--pose: {path}", []
     try:

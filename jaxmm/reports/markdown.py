@@ -222,7 +222,9 @@ def _scans(scans: Sequence[ScanRecord]) -> list[str]:
     lines = ["## Scans"]
     for index, one in enumerate(scans, 1):
         lines += ["", f"{index}. **{escaped(one.file)}**: {one.points} points, taken from {pose_in_words(one.pose)}."]
-        source = {"given": "was given", "file": "is the file's own", "estimated": "was estimated"}
+        source = {
+            "given": "was given", "file": "is the file's own", "estimated": "was estimated", "searched": "was searched",
+        }  # fmt: skip
         told = f"The pose {source.get(one.pose_source, escaped(one.pose_source))}"
         if one.deviation is not None:
             told += f" (standard deviations {pose_in_words(one.deviation)})"

@@ -37,10 +37,11 @@ class OwnScan(NamedTuple):
     points: np.ndarray  # (N, 3) float64, in the file's unit
     position: np.ndarray | None  # (3,) float64 of the sensor, [m] where it was given, else in the file's unit
     rotation: np.ndarray | None  # (3, 3) float64 sensor frame to world
-    source: str  # of the pose: "given", "file", or "estimated" as long as there is none
+    source: str  # of the pose: "given", "file", "searched", or "estimated" as long as there is none
     carried: bool  # the points are in the sensor's frame, and it is the given pose that takes them to the world
     stated: np.ndarray | None = None  # (3,) float64 of the sensor in its file, in the file's unit, if another was given
     in_world: bool = False  # it was the pose in the file that took the points to the world
+    notes: tuple[str, ...] = ()  # how its pose was searched
 
     def world(self, points: np.ndarray) -> np.ndarray:
         """Some of its points (n, 3) [m], in the frame that the scan is said to be in."""
@@ -191,14 +192,14 @@ def fitting_prior(path: Path, options: Any, scans: list[OwnScan], unit: float | 
     Args:
         path: its file.
         options: buildings.ReadOptions, how to read it; a unit of 1 counts as untold.
-        scans: all.
+        scans: all whose pose is not to be searched; without any it is read as told.
         unit: [m] of the scans if it is known.
 
     Raises:
         InputError: the file cannot be used.
     """
     prior = read_prior(path, options)
-    if prior.file.kind == "ifc":
+    if prior.file.kind == "ifc" or not scans:
         return prior
     distance = distance_from(prior)
     rise = min(height(scan.points) for scan in scans)

@@ -46,7 +46,7 @@ class NamedScan(NamedTuple):
     scan: PosedScan
     file: str
     points: int  # in the file
-    pose_source: str  # "given", "file" or "estimated"
+    pose_source: str  # "given", "file", "estimated" or "searched"
     deviation: Pose | None = None  # standard deviations of an estimated pose
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()  # those of its notes that say that its points contradict its pose

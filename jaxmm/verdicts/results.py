@@ -70,7 +70,7 @@ class ScanRecord(NamedTuple):
     file: str
     points: int  # in the file
     pose: Pose  # as used, after registration
-    pose_source: str  # "given", "file" or "estimated"
+    pose_source: str  # "given", "file", "estimated" or "searched"
     deviation: Pose | None  # standard deviations of an estimated pose
     registration: dict[str, float]  # shift [m], turn [deg], residual [m], overlap, overlap_before
     told: dict[str, int]  # by verdict: elements whose verdict this scan changed, in the order of the scans

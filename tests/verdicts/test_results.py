@@ -95,7 +95,7 @@ def random_detection(seed: int) -> Detection:
     )  # fmt: skip
     scans = tuple(
         ScanRecord(
-            name(), count(), pose(), ("given", "file", "estimated")[rng.integers(3)], maybe(pose()),
+            name(), count(), pose(), ("given", "file", "estimated", "searched")[rng.integers(4)], maybe(pose()),
             {"shift": real(), "residual": np.float32(real())}, dict(zip(VERDICTS, rng.integers(0, 9, 4), strict=True)),
             (name(),),
         )

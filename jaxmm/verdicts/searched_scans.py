@@ -1,0 +1,64 @@
+"""Scans whose pose is searched in the building: from a file's points, in whatever frame, to a scan in its place.
+
+N points of a scan.
+"""
+
+import numpy as np
+
+from jaxmm.formats.poses import OPTICAL
+from jaxmm.formats.readers import PointScan
+from jaxmm.formats.units import UNITS, height
+from jaxmm.inputs import Misfit
+from jaxmm.verdicts.alignment import STOREY, TALL_ROOM, OwnScan
+from jaxmm.verdicts.pose_search import search
+from jaxmm.verdicts.priors import Prior
+
+
+def searched_scan(prior: Prior, scan: PointScan, frame: str, unit: float | None) -> OwnScan:
+    """A scan at the only place in the building that it fits; its points are then metres in the sensor's frame.
+
+    Args:
+        prior: of elements.
+        scan: as read; a pose in its file only tells where its zero and axes are.
+        frame: "optical" where z is forward, x right and y down in the file; else the sensor's, of which z is up.
+        unit: [m] of its points; None: metres, or what a scan higher than any room is likeliest in.
+
+    Raises:
+        Misfit: it fits none, or several, which the line names.
+    """
+    points = sensor_points(scan, frame)
+    unit, told = (unit, ()) if unit is not None else _likeliest_unit(points)
+    points = points * unit
+    try:
+        found = search(prior, points)
+    except Misfit as error:
+        hint = f"; it was read in {UNITS[unit]}, see --unit" if told else ""
+        raise Misfit(f"--pose search: {error}{hint}") from error
+    place = found.place
+    note = (
+        f"its pose was searched: {found.tried} places tried, it matches {place.fit:.0%} there and at most "
+        f"{found.elsewhere:.0%} elsewhere"
+    )
+    if place.gone:
+        note += f"; {place.gone} of the elements in view counted as gone for it"
+    return OwnScan(points, place.position + prior.origin, place.rotation, "searched", True, notes=(*told, note))
+
+
+def sensor_points(scan: PointScan, frame: str) -> np.ndarray:
+    """Points (N, 3) in the sensor's frame, in the file's unit.
+
+    A pose in the file took them to the world, or is that of a sensor whose points are in the world, unless `frame` says
+    that they are in the sensor's.
+    """
+    points = scan.points
+    if scan.position is not None and (scan.in_world or frame == "world"):
+        points = (points - scan.position) @ scan.rotation
+    return points @ OPTICAL.T if frame == "optical" else points
+
+
+def _likeliest_unit(points: np.ndarray) -> tuple[float, tuple[str, ...]]:
+    rise = height(points)
+    if rise <= TALL_ROOM:
+        return 1.0, ()
+    unit = min(UNITS, key=lambda one: abs(np.log(rise * one / STOREY)))
+    return unit, (f"it is as high as a room in {UNITS[unit]}, and was read so",)
