@@ -8,14 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.inputs import InputError
-from jaxmm.rays.cloud_evidence import FOOTPRINT, MOST_ANGLE, CloudPair, frame_of_pair, prior_view, robot_view
+from jaxmm.rays.cloud_evidence import FOOTPRINT, LEVELS, MOST_ANGLE, CloudPair, frame_of_pair, prior_view, robot_view
 from jaxmm.rays.evidence import BLOCKED, SUPPORT, Frame, View, margins
 from jaxmm.rays.scan_rays import ScanRays, measured_points
+from jaxmm.verdicts.cloud_levels import NEAR, UNKNOWN, levels_about, own_ceilings
 from warp_scanner.clouds.neighbours import nearest
 from warp_scanner.clouds.sightlines import Targets, cells_of, look, sort_directions
 from warp_scanner.clouds.voxels import thin_clouds
 
 VOXEL = 0.1  # [m]
+LEAST_ROOM = 0.5  # [m] from floor to ceiling
 LEAST_POINTS = 50  # of the prior in view
 
 
@@ -25,6 +27,7 @@ class Compared(NamedTuple):
     prior: View
     robot: View
     frame: Frame
+    notes: tuple[str, ...] = ()
 
 
 def compare(cloud: np.ndarray, rays: ScanRays) -> Compared:
@@ -40,7 +43,25 @@ def compare(cloud: np.ndarray, rays: ScanRays) -> Compared:
     robot = robot[thin_clouds([robot], VOXEL)[0]]
     pair = CloudPair(prior, robot, rays.position)
     forth, back = (nearest([a], [b])[0].distance.astype(np.float32) for a, b in ((prior, robot), (robot, prior)))
-    return Compared(prior_view(pair, forth), robot_view(pair, back), frame_of_pair(pair))
+    sides, frame = (prior_view(pair, forth), robot_view(pair, back)), frame_of_pair(pair)
+    # A view that looks down ends below the ceiling: heights are those of all that is known of the storey.
+    levels = levels_about(np.concatenate([cloud, robot]), rays.position)
+    floor = frame.floor if levels.floor is None else levels.floor
+    ceiling = _highest(cloud, rays.position, frame) if levels.ceiling is None else levels.ceiling
+    frame = frame._replace(floor=floor, ceiling=max(ceiling, floor + LEAST_ROOM))
+    if levels.ceiling is not None:
+        return Compared(*sides, frame)
+    if levels.floor is not None:  # of a cloud without level surfaces, walls tell where the ceiling was
+        both = np.concatenate([prior, robot])
+        told = [own_ceilings(one.points, both, (frame.floor, frame.ceiling)) for one in sides]
+        sides = tuple(one._replace(levels=own) for one, own in zip(sides, told, strict=True))
+    return Compared(*sides, frame, (UNKNOWN,))
+
+
+def _highest(cloud: np.ndarray, sensor: np.ndarray, frame: Frame) -> float:
+    """The height [m] of the highest parts of a cloud (M, 3) near a sensor (3,), no lower than its view has it."""
+    near = cloud[np.hypot(*(cloud[:, :2] - sensor[:2]).T) <= NEAR, 2]
+    return max(frame.ceiling, float(np.percentile(near, LEVELS[1]))) if len(near) else frame.ceiling
 
 
 def visible(cloud: np.ndarray, rays: ScanRays) -> np.ndarray:

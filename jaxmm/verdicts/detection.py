@@ -80,6 +80,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     if settings.mirrors and beyond_thesis:
         placed, scans = without_mirror_images(prior, placed, scans)
     looked, told = _looked_at(prior, placed, scans, outdoors, judges)
+    scans = [one._replace(notes=(*one.notes, *found.notes)) for one, found in zip(scans, looked, strict=True)]
     sure, past_gone = partial(_for_sure, prior, looked, scans, settings), None
     if prior.has_elements and beyond_thesis:
         past_gone, told = look_past_what_is_gone(
@@ -193,17 +194,19 @@ def look_at(
         judges: the models.
         changes: which of MISMATCH_TYPES is judged; where "removed" is left out, nothing is told of elements.
     """
+    notes = ()
     if prior.has_elements:
         seen = sight(prior, rays)
         expected = seen.expected.distance
     else:
         seen, expected = compare(prior.cloud, rays), np.full(len(rays.distance), np.inf, np.float32)
+        notes = seen.notes
     frame = seen.frame
     added, removed = (
         judge(judges, view, frame, change) if change in changes else unjudged(view)
         for change, view in (("added", seen.robot), ("removed", seen.prior))
     )
-    looked = Looked(rays, expected, added, removed, (frame.floor, frame.ceiling))
+    looked = Looked(rays, expected, added, removed, (frame.floor, frame.ceiling), notes)
     if not prior.has_elements or "removed" not in changes:
         return looked, None
     return looked, told_of(seen.reached, removed.view.element, removed.view.count, removed.probability)

@@ -49,6 +49,7 @@ class Looked(NamedTuple):
     added: Side  # the robot's points
     removed: Side  # the prior's
     levels: tuple[float, float]  # heights of floor and ceiling [m]
+    notes: tuple[str, ...] = ()  # what is to be said of how it was compared
 
 
 def mismatches_of(
