@@ -36,6 +36,7 @@ from warp_scanner.sensors.sensors import sensor_named
 
 SEED = 42  # of validation
 ERRORS = ((0.0, 0.0, 0.0), (0.1, 2.0, 1.0), (0.5, 10.0, 3.0))  # most [m], [deg] of yaw, [deg] of pitch and roll
+LEAST_POINTS = 1000  # of a view
 RIGHT = 0.03, 0.5  # [m], [deg]
 SPACING, REACH = 0.1, 1.0  # [m] of the peer's clouds, and within which it matches points
 FULL = {
@@ -70,7 +71,9 @@ def building_views(folder: Path, sensor: str, count: int) -> Iterator[View]:
         present = np.ones(len(prior.building.elements.guid), bool)
         for number in np.flatnonzero(found)[:count]:
             one = Pose(*(field[number : number + 1] for field in pose))
-            yield View(prior, scanned(prior.scene, present, (sensor_named(sensor), one), (SEED, int(number)))[0])
+            scan, _ = scanned(prior.scene, present, (sensor_named(sensor), one), (SEED, int(number)))
+            if len(scan.points) >= LEAST_POINTS:  # some look out of a building, at nothing
+                yield View(prior, scan)
 
 
 def disturbed(scan: PosedScan, most: tuple[float, float, float], rng: np.random.Generator) -> PosedScan:
