@@ -7,7 +7,7 @@ import numpy as np
 
 WORTH = 0.02  # neighbouring points err alike: so many independent ones is each worth
 LEAST_SIGMA = 0.01  # [m] of a point off its surface: what is built is never where it is drawn
-GIVEN = (0.3, 0.3, 0.3, 0.1, 0.1, 0.1)  # [m, rad] standard deviations of a pose of which nothing else is known
+GIVEN = (0.2, 0.2, 0.2, 0.04, 0.04, 0.1)  # [m, rad] standard deviations of poses that are given
 MOST_SIGMA = 0.015  # [m] of a place, up to which it is held
 
 
@@ -23,9 +23,7 @@ def open_directions(points: np.ndarray, normals: np.ndarray, residual: float) ->
         residual: [m] standard deviation of the points about the surfaces; NaN where there is none.
     """
     sigma = max(LEAST_SIGMA, residual if np.isfinite(residual) else 0.0)
-    slope = np.column_stack([normals, np.cross(points, normals)])
-    told = slope.T @ slope * (WORTH / sigma**2) + np.diag(1.0 / np.square(GIVEN))
-    spread = np.linalg.inv(told)[:3, :3]
+    spread = np.linalg.inv(information(points, normals, sigma) + np.diag(1.0 / np.square(GIVEN)))[:3, :3]
     square, ways = np.linalg.eigh(spread[:2, :2])
     found: list[tuple[float, float, float]] = []
     if square[0] > MOST_SIGMA**2:
@@ -36,6 +34,18 @@ def open_directions(points: np.ndarray, normals: np.ndarray, residual: float) ->
     if spread[2, 2] > MOST_SIGMA**2:
         found.append((0.0, 0.0, 1.0))
     return tuple(found)
+
+
+def information(points: np.ndarray, normals: np.ndarray, sigma: float) -> np.ndarray:
+    """(6, 6) what surfaces tell of a shift [m] and a turn [rad] (rotation vector).
+
+    Args:
+        points: (N, 3) [m] about where it turns.
+        normals: (N, 3) unit vectors, of either sign.
+        sigma: [m] standard deviation of the points off the surfaces.
+    """
+    slope = np.column_stack([normals, np.cross(points, normals)])
+    return slope.T @ slope * (WORTH / sigma**2)
 
 
 def in_words(direction: tuple[float, float, float]) -> str:

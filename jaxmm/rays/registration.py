@@ -3,8 +3,12 @@
 World frame: metres, z up. N points of the scan. Motions are (4, 4) rigid transforms of the scan about the place of the
 sensor. Surfaces that changed have nothing to lie upon: they are left out by how far off they are, first roughly, then
 narrowly. What the surfaces leave open (along a corridor, or before one bare wall) stays as it was believed; and so does
-a scan whose walls lie upon the prior's from the start, whatever else of it does not. Where one wall alone would move a
-scan far, without a turn, it may as well be new, or have moved: then `held` is the motion without its step in plan.
+a scan that hardly fits better elsewhere, whatever of it does not fit.
+
+What counts are surfaces, not points: where a wall moved, or was removed and another one shows behind it, one surface
+changed, and all others lie where they are believed to be; where the pose is off, all changed. Floors and large walls,
+which fit after many a motion, must not outvote what tells motions apart. Where one surface alone would move a scan far,
+it may as well be new, or have moved: then the scan stays, and that motion is its rival.
 """
 
 from typing import NamedTuple
@@ -14,26 +18,24 @@ import small_gicp
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from jaxmm.rays.open_directions import open_directions
+from jaxmm.rays.open_directions import GIVEN, information, open_directions
 
 SPACING = 0.1  # [m] both clouds are thinned to it
 NEIGHBOURS = 15  # that tell the normal of a point
 # Reaches [m] within which points are matched, one after the other; which is right depends on how far off the start is.
 LADDERS = ((0.2, 0.1), (0.5, 0.2, 0.1), (1.0, 0.5, 0.2, 0.1))
 CUT = 0.1  # [m] farther off a surface, a point counts as no match
-CLOSE, UPON = 0.03, 0.015  # [m] off it, up to which it lies closely, and as points of an exact pose do
+CLOSE = 0.03  # [m] off it, up to which it lies closely
 UPRIGHT = 0.3  # a surface whose normal rises by less stands
 ALIKE = 0.9  # cosine of the angle between the normals of one surface, at least
 LEAST_WALLS = 30  # points, that must match walls to tell so
 MOST_LEFT = 0.5  # share of what lies closely on walls at the start, that is on none after a motion to believe
 FAR = 1.5  # surfaces that changed are as likely as a motion far beyond: one that fits moves no scan far
-GIVEN = (0.2, 0.2, 0.2, 0.04, 0.04, 0.1)  # [m, rad] standard deviations of poses that are given
 MOST_SHIFT, MOST_TURN = 0.8, np.radians(16.0)  # [m], [rad] beyond which a pose is of another place
 TOLD, DEEP = 600, 0.15  # points that tell how many are on a plane, and [m] within which they are
 LEAST_SURFACE = 30  # points of 0.1 m that are a surface; fewer are as much less of one
 FINE = 0.05  # [m] off a surface, at which a point counts as no match where it is asked whether a scan stays
 STAYS = 0.25  # surfaces that must lie better, for a motion in plan
-WORTH = 0.02  # neighbouring points err alike: so many independent ones is each worth
 RIVALS = 0.4  # surfaces more on the prior than where a scan was left, from which on another motion is worth a word
 RIVAL_SHIFT, RIVAL_TURN = 0.05, np.radians(1.0)  # [m], [rad] by which it is another one
 LONE_WAY = 0.95  # cosine of the angle between normals of one upright plane, at least
@@ -66,18 +68,39 @@ class Registration(NamedTuple):
     asked: float  # share of its points on walls that are asked: 1, or those that the prior could show; NaN without any
     closely: float  # `upright` less what may match by chance: 0 where that may be all but a few points
     lone: float = 0.0  # share of its points that lie on one upright plane
-    rival: Rival | None = None
+    rival: Rival | None = None  # one, if there is
     left: float = 0.0  # share of its points that lay closely on walls at the start, that lie on none any more
     open: tuple[tuple[float, float, float], ...] = ()  # directions along which nothing holds its place
+
+
+class _Clouds(NamedTuple):
+    """What is laid upon what: N thinned points about the eye."""
+
+    points: np.ndarray  # (N, 3) [m] of the scan
+    normals: np.ndarray  # (N, 3) unit vectors
+    weight: np.ndarray  # (N,) that sum to 1 on each surface
+    target: small_gicp.PointCloud  # the prior
+    tree: small_gicp.KdTree  # of it
 
 
 class _Fit(NamedTuple):
     """How the scan lies on the prior after some motion; its thinned points (N,)."""
 
+    motion: np.ndarray  # (4, 4)
+    weight: np.ndarray  # (N,) that sum to 1 on each surface
     off: np.ndarray  # (N,) [m] off the surface next to each, inf where none is near
     wall: np.ndarray  # (N,) bool: points on walls and the like
     on_wall: np.ndarray  # (N,) bool: of those, the points that match a wall
     matches: np.ndarray  # (N,) bool: points that match a surface as steep as theirs
+
+    def changed(self, cut: float = CUT) -> float:
+        """Surfaces that do not lie on the prior: up to `cut` [m] off it they count as 0 to 1, beyond as 1."""
+        return float(self.weight @ np.minimum(np.square(self.off / cut), 1.0))
+
+    @property
+    def cost(self) -> float:
+        """Surfaces that changed; a far motion counts as up to FAR of them."""
+        return self.changed() + _far(self.motion)
 
     def upon(self, most: float) -> np.ndarray:
         """(N,) bool: points that match a wall and are at most so far [m] off it."""
@@ -127,35 +150,44 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
     source, _ = _prepared(scan, centre)
     if min(target.size(), source.size()) < 4 * NEIGHBOURS:
         return Registration(np.eye(4), np.nan, np.nan, 0.0, 0.0, np.nan, np.nan, 0.0)
-    cloud = (source.points()[:, :3], target, tree, _weights(source.points()[:, :3], source.normals()[:, :3]))
-    motions = [np.eye(4)]
-    for ladder in LADDERS:
-        motion = np.eye(4)
-        for reach in ladder:
-            motion = small_gicp.align(
-                target, source, tree, motion, registration_type="GICP", max_correspondence_distance=reach,
-                max_iterations=30,
-            ).T_target_source  # fmt: skip
-        motions.append(_as_believed(cloud, motion))
-    normals = source.normals()[:, :3]
-    start = _fit(cloud, normals, np.eye(4))
-    motions += [_upright_part(motion) for motion in motions[1:]]
-    best = _cheapest(cloud, motions)
-    stays = _cheapest(cloud, [motion for motion in motions if not _moves_in_plan(motion)])
-    if _changed(cloud, stays, FINE) <= _changed(cloud, best, FINE) + _far(best) + STAYS:
-        best = _cheapest(cloud, [np.eye(4), stays], CLOSE)  # nor does what lies closely come off it
-    found = _fit(cloud, normals, best)
-    about = _shifted(centre) @ best @ _shifted(-centre)
-    asked = found
+    points, normals = source.points()[:, :3], source.normals()[:, :3]
+    clouds = _Clouds(points, normals, _weights(points, normals), target, tree)
+    motions = [_as_believed(clouds, _climbed(source, clouds, ladder)) for ladder in LADDERS]
+    motions = [motion for motion in motions if np.isfinite(_far(motion))]
+    free = [_fit(clouds, motion) for motion in motions]
+    level = [_fit(clouds, motion) for motion in (np.eye(4), *map(_upright_part, motions))]
+    start, found = level[0], _best(level, free)
+    about = _shifted(centre) @ found.motion @ _shifted(-centre)
+    moved, asked = _moved(points, found.motion), found
     if in_sight_only:
-        asked = found._replace(wall=found.wall & _could_show(target.points()[:, :3], _moved(cloud[0], best)))
+        asked = found._replace(wall=found.wall & _could_show(target.points()[:, :3], moved))
     share = float(asked.wall.sum() / found.wall.sum()) if found.wall.any() else np.nan
-    rival = _rival_of(cloud, normals, motions, best)
+    facing = normals @ found.motion[:3, :3].T
     return Registration(
         about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely,
-        _on_one_plane(cloud[0], normals), rival, _left(start, found),
-        open_directions(_moved(cloud[0], best)[found.matches], normals[found.matches] @ best[:3, :3].T, found.residual),
+        _on_one_plane(points, normals), _rival_of([*level, *free], found), _left(start, found),
+        open_directions(moved[found.matches], facing[found.matches], found.residual),
     )  # fmt: skip
+
+
+def _climbed(source: small_gicp.PointCloud, clouds: _Clouds, ladder: tuple[float, ...]) -> np.ndarray:
+    """The motion (4, 4) that GICP ends at, within one reach [m] after the other."""
+    motion = np.eye(4)
+    for reach in ladder:
+        motion = small_gicp.align(
+            clouds.target, source, clouds.tree, motion, registration_type="GICP", max_correspondence_distance=reach,
+            max_iterations=30,
+        ).T_target_source  # fmt: skip
+    return motion
+
+
+def _best(level: list[_Fit], free: list[_Fit]) -> _Fit:
+    """The cheapest fit; of those without a step in plan, the first of which is the start, unless others fit better."""
+    best, stays = min([*level, *free], key=lambda fit: fit.cost), min(level, key=lambda fit: fit.cost)
+    if stays.changed(FINE) > best.changed(FINE) + _far(best.motion) + STAYS:
+        return best
+    # Nor does what lies closely come off it.
+    return min(level[0], stays, key=lambda fit: fit.changed(CLOSE) + _far(fit.motion))
 
 
 def _could_show(prior: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -175,25 +207,24 @@ def _prepared(points: np.ndarray, centre: np.ndarray):
     return small_gicp.preprocess_points(points, downsampling_resolution=SPACING, num_neighbors=NEIGHBOURS)
 
 
-def _off(cloud: tuple, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _off(clouds: _Clouds, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of every moved point: how far (N,) off the surface next to it, [m] inf where none is near; it, and the normal."""
-    points, target, tree = cloud[:3]
-    moved = _moved(points, motion)
-    place, square = tree.batch_nearest_neighbor_search(np.column_stack([moved, np.ones(len(moved))]))
+    moved = _moved(clouds.points, motion)
+    place, square = clouds.tree.batch_nearest_neighbor_search(np.column_stack([moved, np.ones(len(moved))]))
     place = np.asarray(place)
-    normal = target.normals()[place, :3]
-    off = np.einsum("nc,nc->n", moved - target.points()[place, :3], normal)
+    normal = clouds.target.normals()[place, :3]
+    off = np.einsum("nc,nc->n", moved - clouds.target.points()[place, :3], normal)
     return np.where(np.asarray(square) < (2 * SPACING) ** 2, off, np.inf), moved, normal
 
 
-def _fit(cloud: tuple, normals: np.ndarray, motion: np.ndarray) -> _Fit:
-    """How the scan, with normals (N, 3), lies after a motion."""
-    off, _, facing = _off(cloud, motion)
-    normals = normals @ motion[:3, :3].T
+def _fit(clouds: _Clouds, motion: np.ndarray) -> _Fit:
+    """How the scan lies after a motion."""
+    off, _, facing = _off(clouds, motion)
+    normals = clouds.normals @ motion[:3, :3].T
     wall = np.abs(normals[:, 2]) < UPRIGHT
     alike = np.abs(np.einsum("nc,nc->n", normals, facing)) > ALIKE
     matches = alike & (np.abs(off) < CUT)
-    return _Fit(off, wall, wall & matches, matches)
+    return _Fit(motion, clouds.weight, off, wall, wall & matches, matches)
 
 
 def _left(start: _Fit, best: _Fit) -> float:
@@ -202,16 +233,15 @@ def _left(start: _Fit, best: _Fit) -> float:
     return float(np.mean(~best.on_wall[close])) if close.sum() >= LEAST_WALLS else 0.0
 
 
-def _rival_of(cloud: tuple, normals: np.ndarray, motions: list[np.ndarray], best: np.ndarray) -> Rival | None:
-    """The motion that lays most surfaces upon the prior, if these are more, and it ends elsewhere, than the best."""
-    there = min((one for one in motions if np.isfinite(_far(one))), key=lambda one: _changed(cloud, one, CUT))
-    more = _changed(cloud, best, CUT) - _changed(cloud, there, CUT)
-    apart = _step_of(there @ np.linalg.inv(best))
-    if more < RIVALS or (np.linalg.norm(apart[:3]) < RIVAL_SHIFT and np.linalg.norm(apart[3:]) < RIVAL_TURN):
+def _rival_of(fits: list[_Fit], found: _Fit) -> Rival | None:
+    """The fit with most surfaces upon the prior, if these are more than was found, and it is elsewhere."""
+    there = min(fits, key=lambda fit: fit.changed())
+    more = found.changed() - there.changed()
+    step = there.motion[:3, 3] - found.motion[:3, 3]
+    turn = float(np.linalg.norm(_step_of(there.motion @ np.linalg.inv(found.motion))[3:]))
+    if more < RIVALS or (np.linalg.norm(step) < RIVAL_SHIFT and turn < RIVAL_TURN):
         return None
-    fit = _fit(cloud, normals, there)
-    step, turn = tuple(float(one) for one in apart[:3]), float(np.linalg.norm(apart[3:]))
-    return Rival(step, turn, more, fit.residual, fit.overlap, fit.upright)
+    return Rival(tuple(float(one) for one in step), turn, more, there.residual, there.overlap, there.upright)
 
 
 def _on_one_plane(points: np.ndarray, normals: np.ndarray) -> float:
@@ -228,10 +258,6 @@ def _on_one_plane(points: np.ndarray, normals: np.ndarray) -> float:
     return max(map(share, tried), default=0.0)
 
 
-def _moves_in_plan(motion: np.ndarray) -> bool:
-    return bool(np.any(_step_of(motion)[[0, 1, 5]] != 0.0))
-
-
 def _upright_part(motion: np.ndarray) -> np.ndarray:
     """What of a motion raises and tilts, without its step and turn in plan."""
     step = _step_of(motion)
@@ -240,27 +266,17 @@ def _upright_part(motion: np.ndarray) -> np.ndarray:
     return kept
 
 
-def _cheapest(cloud: tuple, motions: list[np.ndarray], cut: float = CUT) -> np.ndarray:
-    """The motion that needs the fewest surfaces to have changed; far ones count as most of one.
-
-    Where a wall moved, or was removed and another one shows behind it, one surface changed, and all others lie where
-    they are believed to be; where the pose is off, all changed. So it is surfaces that count, not points: floors and
-    large walls, which fit after many a motion, must not outvote what tells motions apart.
-    """
-    return min(motions, key=lambda motion: _changed(cloud, motion, cut) + _far(motion))
-
-
-def _changed(cloud: tuple, motion: np.ndarray, cut: float) -> float:
-    """Surfaces that do not lie on the prior after a motion: up to `cut` [m] off they count as 0 to 1, beyond as 1."""
-    return float(cloud[3] @ np.minimum(np.square(_off(cloud, motion)[0] / cut), 1.0))
-
-
 def _far(motion: np.ndarray) -> float:
-    """What a motion costs, in surfaces that changed: half a metre is about as likely as a third."""
+    """What a motion costs, in surfaces that changed: half a metre is as likely as a third; inf if it is not near."""
     step = _step_of(motion)
-    if np.linalg.norm(step[:3]) > MOST_SHIFT or np.linalg.norm(step[3:]) > MOST_TURN:
+    if not is_near(np.linalg.norm(step[:3]), np.linalg.norm(step[3:])):
         return np.inf
     return FAR * float(1.0 - np.exp(-0.5 * np.sum(np.square(step / GIVEN))))
+
+
+def is_near(shift: float, turn: float) -> bool:
+    """Whether a pose may be off by so much [m], [rad]; if by more, it is of another place."""
+    return bool(shift <= MOST_SHIFT and turn <= MOST_TURN)
 
 
 def _weights(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -273,17 +289,15 @@ def _weights(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     return 1.0 / np.maximum(size * (len(points) / len(some)), LEAST_SURFACE)
 
 
-def _as_believed(cloud: tuple, motion: np.ndarray) -> np.ndarray:
+def _as_believed(clouds: _Clouds, motion: np.ndarray) -> np.ndarray:
     """The motion as far as the surfaces tell it, and none in the directions that they leave open."""
-    off, moved, normal = _off(cloud, motion)
+    off, moved, normal = _off(clouds, motion)
     match = np.abs(off) < CUT
     if not match.any():
         return np.eye(4)
     sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(off[match]))))
-    slope = np.column_stack([normal[match], np.cross(moved[match], normal[match])])
-    told = slope.T @ slope * (WORTH / sigma**2)
-    believed = np.diag(1.0 / np.square(GIVEN))
-    step = np.linalg.solve(told + believed, told @ _step_of(motion))
+    told = information(moved[match], normal[match], sigma)
+    step = np.linalg.solve(told + np.diag(1.0 / np.square(GIVEN)), told @ _step_of(motion))
     kept = np.eye(4)
     kept[:3, :3], kept[:3, 3] = Rotation.from_rotvec(step[3:]).as_matrix(), step[:3]
     return kept

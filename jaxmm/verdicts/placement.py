@@ -12,7 +12,7 @@ import numpy as np
 from jaxmm.config import bounded
 from jaxmm.inputs import Misfit
 from jaxmm.rays.open_directions import in_words
-from jaxmm.rays.registration import MOST_LEFT, Registration, Rival, register
+from jaxmm.rays.registration import MOST_LEFT, Registration, Rival, is_near, register
 from jaxmm.rays.scan_rays import PosedScan
 
 MOST_POINTS = 60_000  # that a scan is registered by; it is thinned to one in 0.1 m anyway
@@ -114,10 +114,9 @@ def place(
             raise Misfit(refusal)
         return as_it_is._replace(notes=(_all_new(found),))
     moved = _moved(scan, found.motion)
-    angle = _angle(found.motion)
-    shift = float(np.linalg.norm(moved.position - scan.position))
+    shift = _step(scan, found.motion)
     doubts = _doubts(found, shift, limits)
-    return Placed(moved, shift, angle, found.residual, found.overlap, before, doubts, _open_words(found))
+    return Placed(moved, shift, _angle(found.motion), found.residual, found.overlap, before, doubts, _open_words(found))
 
 
 def _moved(scan: PosedScan, motion: np.ndarray) -> PosedScan:
@@ -129,6 +128,11 @@ def _moved(scan: PosedScan, motion: np.ndarray) -> PosedScan:
     )
 
 
+def _step(scan: PosedScan, motion: np.ndarray) -> float:
+    """[m] by which a motion (4, 4) moves the sensor."""
+    return float(np.linalg.norm(motion[:3, :3] @ scan.position + motion[:3, 3] - scan.position))
+
+
 def _angle(motion: np.ndarray) -> float:
     """[deg] by which a motion (4, 4) turns."""
     return float(np.degrees(np.arccos(np.clip((np.trace(motion[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))))
@@ -136,8 +140,7 @@ def _angle(motion: np.ndarray) -> float:
 
 def _is_far(found: Registration, scan: PosedScan) -> bool:
     """Whether a motion takes a scan so far that the prior shows something else from there."""
-    step = _moved(scan._replace(points=scan.points[:0]), found.motion).position - scan.position
-    return bool(np.linalg.norm(step) > FAR_SHIFT or _angle(found.motion) > FAR_TURN)
+    return _step(scan, found.motion) > FAR_SHIFT or _angle(found.motion) > FAR_TURN
 
 
 def _once_more(
@@ -149,8 +152,11 @@ def _once_more(
     if len(prior) < LEAST_POINTS:
         return found
     again = register(there.points, prior, there.position, in_sight_only=in_sight_only)
+    motion = again.motion @ found.motion
+    if not is_near(_step(scan, motion), np.radians(_angle(motion))):
+        return found
     return again._replace(
-        motion=again.motion @ found.motion, residual_before=found.residual_before,
+        motion=motion, residual_before=found.residual_before,
         overlap_before=found.overlap_before, left=found.left,
     )  # fmt: skip
 

@@ -127,7 +127,7 @@ def test_walls_that_match_by_chance_do_not_lie_closely(lying, by_chance):
     kind, off = rng.random(40_000), rng.uniform(-CUT, CUT, 40_000)
     off[kind < lying] = rng.normal(0.0, 0.005, np.sum(kind < lying))
     for asked in (wall, wall & (np.arange(40_000) % 4 == 0)):  # all walls, or those that a cloud could show
-        fit = _Fit(off, asked, wall & (kind < lying + by_chance), asked)
+        fit = _Fit(np.eye(4), np.ones(40_000), off, asked, wall & (kind < lying + by_chance), asked)
         assert fit.closely == pytest.approx(lying, abs=0.02)
         assert fit.upright == pytest.approx(lying + by_chance, abs=0.02)
 
@@ -135,7 +135,7 @@ def test_walls_that_match_by_chance_do_not_lie_closely(lying, by_chance):
 def test_few_points_on_walls_or_none_tell_nothing():
     for count in (0, LEAST_WALLS - 1, LEAST_WALLS):
         wall = np.arange(1000) < count
-        assert _Fit(np.zeros(1000), wall, wall, wall).closely == float(count >= LEAST_WALLS)
+        assert _Fit(np.eye(4), np.ones(1000), np.zeros(1000), wall, wall, wall).closely == float(count >= LEAST_WALLS)
 
 
 def before_a_wall(off):
