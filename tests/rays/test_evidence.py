@@ -24,7 +24,6 @@ from jaxmm.rays.evidence import (
     frame_of,
     margins,
 )
-from jaxmm.rays.noise_model import noise_of, sigma_at
 from warp_scanner.rooms.pairs import PRESETS, make_pairs
 from warp_scanner.sensors.sensors import Pinhole
 
@@ -53,33 +52,6 @@ def test_margins_cover_the_errors_of_slanting_rays():
     wide = margins(np.array([1.0, 0.5, 0.15, 0.01]), 0.02) - BASE_MARGIN
     np.testing.assert_allclose(wide, [0.06, 0.12, 0.4, 0.4], rtol=1e-5)
     assert margins(np.array([0.1]), 5.0) == 1.0
-
-
-@pytest.mark.parametrize("constant, growth", [(0.0, 0.0), (0.01, 0.0), (0.1, 0.0), (0.0, 0.004), (0.02, 0.001)])
-def test_noise_is_told_though_much_has_changed(constant, growth):
-    rng = np.random.default_rng(1)
-    reach = rng.uniform(1.0, 8.0, 40_000)
-    sigma = constant + growth * reach**2
-    residual = sigma * rng.standard_normal(40_000)
-    residual[:4000] = rng.uniform(0.6, 4.0, 4000)  # what was removed
-    residual[4000:6000] = np.nan
-    found = sigma_at(noise_of(residual, np.ones(40_000), reach), np.array([2.0, 4.0, 7.0]))
-    expected = constant + growth * np.array([2.0, 4.0, 7.0]) ** 2
-    np.testing.assert_allclose(found, expected, rtol=0.25)  # five shapes of noise to choose from
-    assert noise_of(np.full(4, np.inf), np.ones(4), np.ones(4)).constant == 0.0
-
-
-def test_a_wall_that_moved_is_no_noise_and_a_pose_that_is_a_little_off_is():
-    rng = np.random.default_rng(0)
-    reach, ones = rng.uniform(1.0, 5.0, 20_000), np.ones(20_000)
-    errors = rng.normal(0.0, 0.01, 20_000)
-    for part in (0.52, 0.6, 0.8, 1.0):  # of the view, that it fills
-        moved = errors + np.where(rng.random(20_000) < part, 0.3, 0.0)
-        for shifted in (moved, -moved):
-            assert 0.005 < sigma_at(noise_of(shifted, ones, reach), np.array([3.0]))[0] < 0.02, part
-    assert sigma_at(noise_of(errors + 0.06, ones, reach), np.array([3.0]))[0] > 0.05
-    coarse = 0.11 + rng.normal(0.0, 0.1, 20_000)  # of one heap, which the expected ranges are in
-    assert sigma_at(noise_of(coarse, ones, reach), np.array([3.0]))[0] == pytest.approx(0.1, rel=0.15)
 
 
 def test_elements_pool_the_rays_of_their_points():
