@@ -50,6 +50,7 @@ class NamedScan(NamedTuple):
     deviation: Pose | None = None  # standard deviations of an estimated pose
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()  # those of its notes that say that its points contradict its pose
+    whole: PosedScan | None = None  # with all its points as they were measured, where some were drawn from it to settle
 
 
 def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings: DetectSettings) -> Detection:
@@ -131,7 +132,7 @@ def _looked_at(
     looked, told = [], []
     for one, scan, is_out in zip(placed, scans, outdoors, strict=True):
         try:
-            rays = toward_far_elements(prior, one.scan, rays_of_scan(one.scan))
+            rays = toward_far_elements(prior, one.scan, rays_of_scan(one.scan), scan.whole)
             found, says = look_at(prior, rays, judges)
         except (InputError, ValueError) as error:
             raise InputError(f"{scan.file}: {error}") from error
@@ -153,7 +154,7 @@ def settled_scan(one: NamedScan) -> NamedScan:
         note += ": settled on the planes around them"
     if found.stray >= LEAST_TOLD:
         note += f"; {found.stray:.1%} of the points, between surfaces or behind edges, were left out"
-    return one._replace(scan=found.scan, notes=(*one.notes, note))
+    return one._replace(scan=found.scan, notes=(*one.notes, note), whole=one.scan)
 
 
 def placed_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:

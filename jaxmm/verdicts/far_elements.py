@@ -23,20 +23,22 @@ WIDE = np.radians(2.0)  # of cells, in which the solid angle that a scan covers 
 AT_ONCE = 1_000_000  # points of a file
 
 
-def toward_far_elements(prior: Prior, scan: PosedScan, rays: ScanRays) -> ScanRays:
+def toward_far_elements(prior: Prior, scan: PosedScan, rays: ScanRays, whole: PosedScan | None = None) -> ScanRays:
     """The rays of a scan, with all of its own toward elements that these, or their pattern, meet rarely.
 
     Elements that the scan cannot meet, because other ones stand before them or they are out of view, get none.
 
     Args:
         prior: a building; of a cloud the rays come back as they are.
-        scan: all its points.
-        rays: of `rays_of_scan`.
+        scan: where it lies, of all its points, or of those that were drawn for its ranges to settle.
+        rays: of it, from `rays_of_scan`.
+        whole: then the same scan with all points, as its sensor measured them, wherever it was believed to be.
     """
     if not prior.has_elements or not rays.measured:
         return rays
-    spacing = spacing_of(rays, len(scan.points))
-    every = len(scan.points) / rays.measured
+    whole = scan if whole is None else whole
+    spacing = spacing_of(rays, len(whole.points))
+    every = len(whole.points) / rays.measured
     coarse = _between(rays.pattern, len(rays.pattern))
     if every <= COARSER and coarse <= COARSER * spacing:
         return rays
@@ -52,7 +54,8 @@ def toward_far_elements(prior: Prior, scan: PosedScan, rays: ScanRays) -> ScanRa
     direction = direction[reached]
     # Out of the sensor's view there is no direction of its pattern near.
     direction = direction[_shares_cell(direction, rays.pattern, COARSER * max(coarse, spacing))]
-    return _with_own(scan, rays, direction, spacing) if len(direction) else rays
+    turn = scan.rotation @ whole.rotation.T
+    return _with_own((whole, turn), rays, direction, spacing) if len(direction) else rays
 
 
 def spacing_of(rays: ScanRays, points: int) -> float:
@@ -116,12 +119,15 @@ def _shares_cell(direction: np.ndarray, others: np.ndarray, cell: float) -> np.n
     return np.isin(cells_of(direction, cell)[0], np.unique(cells_of(others, cell)[0]))
 
 
-def _with_own(scan: PosedScan, rays: ScanRays, direction: np.ndarray, spacing: float) -> ScanRays:
-    """The rays with all points of the scan in the cells of some directions (M, 3), in place of those drawn there."""
-    cell = BESIDE * spacing
+def _with_own(whole: tuple[PosedScan, np.ndarray], rays: ScanRays, direction: np.ndarray, spacing: float) -> ScanRays:
+    """The rays with all points in the cells of some directions (M, 3), in place of those drawn there.
+
+    They are those of a scan, which a turn (3, 3) takes to where the rays lie.
+    """
+    (scan, turn), cell = whole, BESIDE * spacing
     own = [np.zeros((0, 3))]
     for start in range(0, len(scan.points), AT_ONCE):
-        offset = scan.points[start : start + AT_ONCE].astype(np.float64) - rays.position
+        offset = (scan.points[start : start + AT_ONCE].astype(np.float64) - scan.position) @ turn.T
         reach = np.linalg.norm(offset, axis=1)
         offset = offset[(reach > NEAREST) & (reach < np.inf)]
         unit = offset / np.linalg.norm(offset, axis=1, keepdims=True)

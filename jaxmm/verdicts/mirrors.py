@@ -28,7 +28,8 @@ def without_mirror_images(prior: Prior, placed: list[Placed], scans: list) -> tu
     for fit, one in zip(placed, scans, strict=True):
         scan, notes = unmirrored(prior, fit.scan)
         fits.append(fit._replace(scan=scan))
-        named.append(one._replace(notes=(*one.notes, *notes)))
+        # Images would come back with all points as they were measured.
+        named.append(one._replace(notes=(*one.notes, *notes), whole=None) if notes else one)
     return fits, named
 
 

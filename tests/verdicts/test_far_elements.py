@@ -42,6 +42,14 @@ def scan_of(sensor, gone=(), known=True):
     return PosedScan(points, PLACE, turned.astype(float), sensor if known else None)
 
 
+def erring(scan, sigma):
+    """The scan with ranges that err by so much [m]."""
+    offset = scan.points.astype(np.float64) - PLACE
+    reach = np.linalg.norm(offset, axis=1, keepdims=True)
+    errors = sigma * np.random.default_rng(0).standard_normal(reach.shape)
+    return scan._replace(points=(PLACE + offset * (1.0 + errors / reach)).astype(np.float32))
+
+
 def aimed(direction):
     """How many of some rays each element of the hall would stop, as it is in the model."""
     element = cast_triangles(PRIOR.scene, Rays(PLACE[None], direction)).element[0]
@@ -78,10 +86,17 @@ def test_a_scan_all_of_whose_rays_are_there_stays_as_it_is_and_so_does_what_is_o
 
 
 @pytest.mark.parametrize(
-    "sensor, known", [(TLS, True), pytest.param(TLS, False, marks=pytest.mark.long), (OUSTER_64, True)]
+    "sensor, known, sigma",
+    [
+        (TLS, True, 0.0),
+        (TLS, True, 0.002),
+        pytest.param(TLS, False, 0.0, marks=pytest.mark.long),
+        (OUSTER_64, True, 0.0),
+    ],
 )
-def test_what_stands_far_away_is_told_standing_and_what_is_gone_removed(judges, sensor, known):
-    scan = scan_of(sensor, GONE, known)
+def test_what_stands_far_away_is_told_standing_and_what_is_gone_removed(judges, sensor, known, sigma):
+    """Also where ranges err by some millimetres: to settle, they are drawn from the scan before."""
+    scan = erring(scan_of(sensor, GONE, known), sigma)
     offset = scan.points - PLACE
     own = aimed((offset / np.linalg.norm(offset, axis=1, keepdims=True)).astype(np.float32))
     found = {one.guid: one.verdict for one in detect_scans(PRIOR, [named(scan)], judges, AS_IS).elements}
