@@ -33,6 +33,8 @@ THICK = 0.04  # [m] of points off their plane
 ASIDE = 1.0  # [m] from the points of a plane, up to which it may go on as a mirror: those hardly show themselves
 SHIFTS = np.round(np.arange(-0.45, 0.46, 0.03), 2)  # [m] along its normal, at which a plane is tried
 AT_PLANE = -0.04, 0.08  # [m] behind and before a surface, of the plane that images are mirrored at: mirrors hang on it
+GLANCED, MAY_MATCH = 300, 0.45  # points that tell at a glance, and share of them that must match about the plane
+ABOUT = 0.03  # [m] before and behind where images are mirrored, that is about it
 APART = 0.2  # [m] from that, from where on what matches does so by chance
 TELLS = 0.3  # share of the shifts, up to which a point that matches tells where the plane is: floors match at all
 LEAST_MATCH, LEAST_TELLING = 0.6, 0.5  # shares of what is unexplained, and of what of it tells, that match
@@ -138,14 +140,14 @@ def _planes(surface: np.ndarray, position: np.ndarray, ends: np.ndarray) -> list
     surface, normal = surface[bent < BENT], normal[bent < BENT]
     if len(surface) < BESIDE:
         return []
-    ends = ends[np.linspace(0, len(ends) - 1, min(len(ends), SEEDS)).astype(int)]
+    ends = ends[_some(len(ends), SEEDS)]
     toward, reach = _seen(ends, position)
     ahead, before = _seen(surface, position)
     beside = cKDTree(ahead).query(toward, BESIDE)[1]
     seeds = beside[before[beside] + BEHIND < reach[:, None]]
     found = []
     while len(seeds) and len(found) < MOST_PLANES:
-        tried = seeds[np.linspace(0, len(seeds) - 1, min(len(seeds), SEEDS // 4)).astype(int)]
+        tried = seeds[_some(len(seeds), SEEDS // 4)]
         scores = [np.count_nonzero(_on(surface[seeds], normal[seeds], surface[one], normal[one])) for one in tried]
         best = tried[np.argmax(scores)]
         rows = _on(surface, normal, surface[best], normal[best])
@@ -209,8 +211,13 @@ def _shift(plane: Plane, unknown: np.ndarray, front: _Front, least: float) -> fl
     crossing = _crossing(plane, unknown, front.position)
     if len(crossing.row) < least:
         return None
-    few = np.linspace(0, len(crossing.row) - 1, min(len(crossing.row), TRIED)).astype(int)
+    few = _some(len(crossing.row), TRIED)
     points, depth = unknown[crossing.row[few]], crossing.depth[few]
+    # Nearly all planes are no mirrors: a few points tell so.
+    glance = points[_some(len(points), GLANCED)]
+    about = SHIFTS[(SHIFTS >= AT_PLANE[0] - ABOUT) & (SHIFTS <= AT_PLANE[1] + ABOUT)]
+    if max(_matches(plane, shift, glance, front).mean() for shift in about) < MAY_MATCH:
+        return None
     match = np.array([_matches(plane, shift, points, front) for shift in SHIFTS])
     tells = match.mean(axis=0) <= TELLS
     count = (match & tells).sum(axis=1)
@@ -229,6 +236,11 @@ def _shift(plane: Plane, unknown: np.ndarray, front: _Front, least: float) -> fl
         and layer.max() <= MOST_FLAT * len(images)
     )
     return shift if holds else None
+
+
+def _some(count: int, most: int) -> np.ndarray:
+    """Evenly as many int of `count` as are wanted, or all."""
+    return np.linspace(0, count - 1, min(count, most)).astype(int)
 
 
 def _middle(count: np.ndarray, best: int) -> float:
