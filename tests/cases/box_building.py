@@ -5,9 +5,20 @@ import numpy as np
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.verdicts.detection import NamedScan
 from warp_scanner.buildings.room_buildings import building_of_room
-from warp_scanner.scenes.scenes import BOX, Primitives
+from warp_scanner.scenes.scenes import BOX, CEILING, FLOOR, WALL, Primitives
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import cast_triangles, prepare
+
+
+def shell_of(x, y, height):
+    """Floor, ceiling and walls, 0.2 m thick, of a room from -x to x and from -y to y [m], as boxes for `table_of`."""
+    middle = height / 2
+    return (
+        ((0.0, 0.0, -0.1), (x + 0.2, y + 0.2, 0.1), FLOOR),
+        ((0.0, 0.0, height + 0.1), (x + 0.2, y + 0.2, 0.1), CEILING),
+        *(((way * (x + 0.1), 0.0, middle), (0.1, y, middle), WALL) for way in (1.0, -1.0)),
+        *(((0.0, way * (y + 0.1), middle), (x, 0.1, middle), WALL) for way in (1.0, -1.0)),
+    )
 
 
 def table_of(boxes):

@@ -5,20 +5,12 @@ from pathlib import Path
 from jaxmm.commands.scanning import scan
 from jaxmm.formats.poses import parse_pose
 from jaxmm.formats.writers import write_scan
-from tests.cases.box_building import table_of
+from tests.cases.box_building import shell_of, table_of
 from warp_scanner.buildings.room_ifc import write_room
-from warp_scanner.scenes.scenes import CEILING, FLOOR, PILLAR, WALL
+from warp_scanner.scenes.scenes import PILLAR
 
 POSE = "4,-3,1.5,90"
-STANDS = (
-    ((0.0, 0.0, -0.1), (6.2, 5.2, 0.1), FLOOR),
-    ((0.0, 0.0, 3.1), (6.2, 5.2, 0.1), CEILING),
-    ((6.1, 0.0, 1.5), (0.1, 5.0, 1.5), WALL),
-    ((-6.1, 0.0, 1.5), (0.1, 5.0, 1.5), WALL),
-    ((0.0, 5.1, 1.5), (6.0, 0.1, 1.5), WALL),
-    ((0.0, -5.1, 1.5), (6.0, 0.1, 1.5), WALL),
-    ((2.0, 2.0, 1.5), (0.15, 0.15, 1.5), PILLAR),
-)
+STANDS = (*shell_of(6.0, 5.0, 3.0), ((2.0, 2.0, 1.5), (0.15, 0.15, 1.5), PILLAR))
 GONE = ((4.5, 1.0, 1.5), (0.2, 0.2, 1.5), PILLAR)
 
 

@@ -47,11 +47,15 @@ def test_places_that_look_alike_are_named_and_nothing_is_written(files, tmp_path
     assert not (tmp_path / "out").exists()
 
 
-def test_what_cannot_be_searched_is_refused_before_anything_is_read(files, tmp_path, refused):
-    command = ["detect", files / "room.ifc", files / "scan.npy", "--pose", "search", "--out", tmp_path / "out"]
+def test_what_cannot_be_searched_is_refused_before_the_prior_is_read(files, tmp_path, refused):
+    """So it is where the prior could not be read."""
+    for name in ("broken.ifc", "broken.npy"):
+        (tmp_path / name).write_text("nothing of the kind")
+    command = ["detect", tmp_path / "broken.ifc", files / "scan.npy", "--pose", "search", "--out", tmp_path / "out"]
     refused([*command, "--sensor", "oak-d-pro"], "--pose search", "80 degrees of azimuth", "at least 150")
-    command[1] = files / "bare.npy"
-    refused(command, "--pose search", "bare.npy", "point cloud")
+    command[1] = tmp_path / "broken.npy"
+    refused(command, "--pose search", "broken.npy", "point cloud")
+    assert not (tmp_path / "out").exists()
 
 
 def test_one_word_counts_for_all_scans_and_each_may_have_its_own(files, tmp_path):
@@ -78,6 +82,7 @@ def test_a_camera_in_the_file_is_too_narrow(files, tmp_path, refused):
     np.save(tmp_path / "narrow.npy", points[np.abs(np.arctan2(points[:, 1], points[:, 0])) < 0.7])
     command = ["detect", files / "room.ifc", tmp_path / "narrow.npy", "--pose", "search", "--out", tmp_path / "out"]
     refused(command, "narrow.npy", "too narrow to search its pose", "79 degrees", "at least 150")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_spinning_sensor_may_be_named(files):

@@ -15,21 +15,14 @@ from jaxmm.verdicts.panoramas import AZIMUTHS, fits_of, panorama_of, span_of_azi
 from jaxmm.verdicts.pose_search import search
 from jaxmm.verdicts.priors import prior_of_building
 from jaxmm.verdicts.searched_scans import searched_scan, sensor_points
-from tests.cases.box_building import building_of
-from warp_scanner.scenes.scenes import CEILING, FLOOR, PILLAR, TABLE, WALL
+from tests.cases.box_building import building_of, shell_of
+from warp_scanner.scenes.scenes import PILLAR, TABLE, WALL
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, OUSTER_64, TLS
 from warp_scanner.sensors.triangles import cast_triangles
 
 SPINNING, AROUND = OUSTER_64.resampled(512, 32), TLS.resampled(360, 120)
-ROOM = (
-    ((0.0, 0.0, -0.1), (4.2, 3.2, 0.1), FLOOR),
-    ((0.0, 0.0, 2.9), (4.2, 3.2, 0.1), CEILING),
-    ((4.1, 0.0, 1.4), (0.1, 3.0, 1.4), WALL),
-    ((-4.1, 0.0, 1.4), (0.1, 3.0, 1.4), WALL),
-    ((0.0, 3.1, 1.4), (4.0, 0.1, 1.4), WALL),
-    ((0.0, -3.1, 1.4), (4.0, 0.1, 1.4), WALL),
-)
+ROOM = shell_of(4.0, 3.0, 2.8)
 INNER = (((1.2, 1.9, 1.4), (0.06, 1.1, 1.4), WALL), ((-2.4, -1.4, 1.4), (1.6, 0.06, 1.4), WALL))
 COLUMN = (((-1.5, 1.7, 1.4), (0.2, 0.2, 1.4), PILLAR),)
 
