@@ -5,9 +5,11 @@ a fork. A process that loses its parent ends with its task; the parent ends its 
 process keeps nothing of those before, so that however many it does, its peak is that of the largest.
 """
 
+import contextlib
 import itertools
 import multiprocessing
 import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
@@ -67,14 +69,31 @@ def _start(function: Callable[..., Any]) -> tuple[Connection, multiprocessing.Pr
     process = context.Process(target=_serve, args=(theirs, function), daemon=True)
     # The tracker that multiprocessing starts beside the first child unblocks signals when it is up.
     resource_tracker.ensure_running()
-    # Ctrl-C reaches every process of the terminal; a child inherits the mask and leaves it to the parent.
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
+    with _undisturbed():
         process.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
     theirs.close()  # the child's alone from here, so that either end sees the other one die
     return ours, process
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C, which reaches every process of the terminal, waits until this is over.
+
+    A child that is started inherits the mask, and leaves Ctrl-C to the parent. To the parent other threads, as of JAX,
+    still hand it: a child that it then leaves half started would tell of that at length.
+    """
+    came: list[int] = []
+    is_main = threading.current_thread() is threading.main_thread()  # which alone may set a handler, and gets Ctrl-C
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number)) if is_main else None
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if handler is not None:
+            signal.signal(signal.SIGINT, handler)
+    if came:
+        raise KeyboardInterrupt
 
 
 def _serve(connection: Connection, function: Callable[..., Any]) -> None:

@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -168,3 +169,20 @@ def test_errors_of_a_ray_task_come_back_as_they_are(cluster, monkeypatch):
     monkeypatch.setattr(ray_engine, "_ground", lambda: {"code": "another"})
     with pytest.raises(InputError, match=r"machine .* has other code"):
         list(ray_engine.results(square, [(0,)]))
+
+
+def test_ctrl_c_waits_until_a_worker_is_started():
+    """Though another thread, to which it is not blocked, takes it from the system."""
+    handler, over, done = signal.getsignal(signal.SIGINT), threading.Event(), []
+    other = threading.Thread(target=over.wait)
+    other.start()
+    try:
+        with pytest.raises(KeyboardInterrupt), local_engine._undisturbed():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.1)
+            done.append("started")
+    finally:
+        over.set()
+        other.join()
+    assert done == ["started"] and signal.getsignal(signal.SIGINT) is handler
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
