@@ -39,8 +39,9 @@ from jaxmm.learning.boxes import Box
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.runs.room_scans import true_boxes
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.mismatch_points import inside
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import Prior, prior_of_building, read_prior
 from jaxmm.verdicts.results import Mismatch, box_of, to_json
 from jaxmm.verdicts.settings import DetectSettings

@@ -24,7 +24,8 @@ from jaxmm.files import load_json, write_json
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.objects.finder import ObjectSettings
 from jaxmm.runs.room_scans import RoomCase, room_cases
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.results import Detection
 from jaxmm.verdicts.settings import PRESETS as HOW
 from jaxmm.verdicts.settings import DetectSettings

@@ -21,7 +21,8 @@ from benchmarks.detection_scores import objects_of
 from benchmarks.timing import write_report
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.runs.room_scans import RoomCase, as_cloud, cases_of
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT
 from warp_scanner import draws

@@ -17,7 +17,8 @@ import numpy as np
 from benchmarks.building_views import asked_for, kept_views, scanned, tell_views
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import Judges
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.outdoors import is_outdoors
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import DetectSettings

@@ -27,8 +27,8 @@ from benchmarks.timing import write_report
 from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.verdicts.building_evidence import surfaces_along
-from jaxmm.verdicts.detection import NamedScan, placed_scan, settled_scan
 from jaxmm.verdicts.free_places import free_places
+from jaxmm.verdicts.named_scans import NamedScan, placed_scan, settled_scan
 from jaxmm.verdicts.panoramas import AZIMUTHS, fits_of, panorama_of, upright_of
 from jaxmm.verdicts.pose_search import search
 from jaxmm.verdicts.priors import Prior, prior_of_building, read_prior

@@ -25,7 +25,7 @@ from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.runs.room_scans import room_cases
 from jaxmm.verdicts.building_evidence import surfaces_along
-from jaxmm.verdicts.detection import NamedScan, placed_scan, settled_scan
+from jaxmm.verdicts.named_scans import NamedScan, placed_scan, settled_scan
 from jaxmm.verdicts.priors import Prior, read_prior
 from jaxmm.verdicts.settings import DetectSettings
 from warp_scanner import draws

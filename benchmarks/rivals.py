@@ -32,7 +32,8 @@ from jaxmm.rays.pools import normals_of
 from jaxmm.rays.scan_rays import rays_of_scan
 from jaxmm.runs.room_scans import RoomCase, room_cases
 from jaxmm.verdicts.building_evidence import sight
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT

@@ -20,7 +20,8 @@ from jaxmm.config import SCENARIOS, UNCHANGED
 from jaxmm.files import load_json, write_json
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.runs.room_scans import RoomCase, room_cases
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT

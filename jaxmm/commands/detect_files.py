@@ -23,7 +23,8 @@ from jaxmm.reports.detection_figures import write_figures
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
 from jaxmm.verdicts.alignment import FRAMES, OwnScan, fitting_prior, frame_that_fits, lay, own_scan
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.panoramas import LEAST_SPAN
 from jaxmm.verdicts.priors import Prior, kind_of
 from jaxmm.verdicts.results import Detection

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from jaxmm.rays.cloud_evidence import LEVELS
 from jaxmm.rays.pools import normals_of
+from warp_scanner.clouds.voxels import thin_clouds
 
 NEAR = 6.0  # [m] beside a sensor, where its floor and its ceiling are looked for
 VOXEL = 0.1  # [m] edge of the cells in which a surface counts once, however dense its points are
@@ -39,9 +40,8 @@ def levels_about(points: np.ndarray, sensor: np.ndarray) -> CloudLevels:
     The floor is the widest surface that a sensor may stand on, or else the highest wide one below; the ceiling is the
     lowest wide one far enough above the floor. None where there is no such surface.
     """
-    near = points[np.hypot(*(points[:, :2] - sensor[:2]).T) <= NEAR].astype(np.float64)
-    cell = np.floor(near / VOXEL).astype(np.int64)
-    near = near[np.unique(cell, axis=0, return_index=True)[1]]
+    near = points[np.hypot(*(points[:, :2] - sensor[:2]).T) <= NEAR]
+    near = near[thin_clouds([near], VOXEL)[0]].astype(np.float64)
     if len(near) < LEAST_CELLS:
         return CloudLevels(None, None)
     height = near[np.abs(normals_of(near)[0][:, 2]) > LEVEL, 2]

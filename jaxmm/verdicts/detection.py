@@ -6,51 +6,34 @@ S scans, E elements. Positions are offsets from the prior's origin, world axes: 
 import time
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.inputs import InputError, Misfit
+from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
 from jaxmm.learning.prediction import Judges, Side, judge, unjudged
-from jaxmm.rays.range_noise import settled
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts.behind_removed import filling, gone_of, look_past_what_is_gone, remains_of
-from jaxmm.verdicts.building_evidence import passed_by, sight, surfaces_along
-from jaxmm.verdicts.cloud_comparison import compare, visible
-from jaxmm.verdicts.contradictions import doubts_by_rays
+from jaxmm.verdicts.building_evidence import sight
+from jaxmm.verdicts.cloud_comparison import compare
 from jaxmm.verdicts.far_elements import toward_far_elements
 from jaxmm.verdicts.hanging_openings import without_hanging
 from jaxmm.verdicts.mirrors import without_mirror_images
 from jaxmm.verdicts.mismatches import Looked, mismatches_of, shown_by_each
+from jaxmm.verdicts.named_scans import NamedScan, placed_scan, settled_scan
 from jaxmm.verdicts.next_view import Stage, next_views, stand_of
 from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only
-from jaxmm.verdicts.placement import Placed, place
+from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior, without_stray
 from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on, open_doors
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.standing_alone import for_sure
 from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
-from warp_scanner.buildings.positions import away_from
 from warp_scanner.scenes.scenes import DOOR
 from warp_scanner.sensors.sensors import Pinhole
 from warp_scanner.sensors.triangles import clearance
 
 UNKNOWN = 0.15  # [m] from what remains of the model, from which on something else stands there
-LEAST_TOLD = 0.0005  # share of the points left out of a scan that is worth a word
-
-
-class NamedScan(NamedTuple):
-    """A robot scan with what is known of its file."""
-
-    scan: PosedScan
-    file: str
-    points: int  # in the file
-    pose_source: str  # "given", "file", "estimated" or "searched"
-    deviation: Pose | None = None  # standard deviations of an estimated pose
-    notes: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()  # those of its notes that say that its points contradict its pose
-    whole: PosedScan | None = None  # with all its points as they were measured, where some were drawn from it to settle
 
 
 def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings: DetectSettings) -> Detection:
@@ -139,49 +122,6 @@ def _looked_at(
         looked.append(of_building_only(prior, found) if is_out else found)
         told.append(says)
     return looked, told
-
-
-def settled_scan(one: NamedScan) -> NamedScan:
-    """A scan whose ranges have settled, with what is to be said of that."""
-    found = settled(one.scan)
-    if found.scan is one.scan and not found.stray:
-        return one
-    if found.scan is one.scan:
-        note = f"{found.stray:.0%} of its points are on no plane with others: its ranges are taken as they are"
-        return one._replace(notes=(*one.notes, note))
-    note = f"its ranges err by {found.sigma * 1000:.{1 if found.sigma < 0.01 else 0}f} mm"
-    if found.moved:
-        note += ": settled on the planes around them"
-    if found.stray >= LEAST_TOLD:
-        note += f"; {found.stray:.1%} of the points, between surfaces or behind edges, were left out"
-    return one._replace(scan=found.scan, notes=(*one.notes, note), whole=one.scan)
-
-
-def placed_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
-    """A scan where it fits the prior best, with its doubts.
-
-    Raises:
-        InputError: it does not fit; the line names its file.
-    """
-    try:
-        rays = rays_of_scan(one.scan)
-        if prior.has_elements:
-            found = place(
-                one.scan, surfaces_along(prior.scene, rays), refine=settings.refine, limits=settings.limits,
-                passed=lambda: passed_by(prior.scene, rays),
-                shown=lambda there: surfaces_along(prior.scene, rays_of_scan(there)),
-            )  # fmt: skip
-            doubts = doubts_by_rays(prior.scene, found.scan) if settings.preset != "thesis" else ()
-            return found._replace(notes=(*found.notes, *doubts))
-        return place(
-            one.scan, visible(prior.cloud, rays), refine=settings.refine, limits=settings.cloud_limits,
-            in_sight_only=True, shown=lambda there: visible(prior.cloud, rays_of_scan(there)),
-        )  # fmt: skip
-    except (InputError, ValueError) as error:
-        away = away_from(prior.building, one.scan.position) if prior.has_elements else 0.0
-        where = f"; it would be {away:.3g} m outside the building" if away > 0.0 else ""
-        kind = Misfit if isinstance(error, Misfit) else InputError
-        raise kind(f"{one.file}: {error}{where}") from error
 
 
 def look_at(

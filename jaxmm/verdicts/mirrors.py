@@ -10,6 +10,7 @@ import numpy as np
 from jaxmm.rays.mirror_images import Mirror, Surfaces, without_images
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.verdicts.building_evidence import surfaces_along
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior, distance_from
 from warp_scanner.sensors.scan import Rays
@@ -22,8 +23,10 @@ ON = 0.3  # [m] within which a point of a cloud is looked for
 ALONG = 0.5  # [m] along a ray, from its end to the surface that it meets: along floors, little is a long way
 
 
-def without_mirror_images(prior: Prior, placed: list[Placed], scans: list) -> tuple[list[Placed], list]:
-    """Scans without mirror images, and the named scans, of detection.NamedScan, with notes of what was left out."""
+def without_mirror_images(
+    prior: Prior, placed: list[Placed], scans: list[NamedScan]
+) -> tuple[list[Placed], list[NamedScan]]:
+    """Scans without mirror images, and the named scans with notes of what was left out."""
     fits, named = [], []
     for fit, one in zip(placed, scans, strict=True):
         scan, notes = unmirrored(prior, fit.scan)

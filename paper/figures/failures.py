@@ -25,7 +25,8 @@ from jaxmm.runs.paper.models import load_networks
 from jaxmm.runs.paper.rows import ROOMS, TestScenes
 from jaxmm.runs.paper.scenes import with_scan
 from jaxmm.runs.room_scans import RoomCase, cases_of, true_boxes
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.results import box_of
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT

@@ -15,7 +15,8 @@ from jaxmm.learning.prediction import read_judges
 from jaxmm.reports.figures import styled
 from jaxmm.reports.plan_figure import plan_figure
 from jaxmm.runs.room_scans import cases_of
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import VERDICTS
 from jaxmm.weights import DEFAULT

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jaxmm.rays.scan_rays import PosedScan
-from jaxmm.verdicts.detection import NamedScan
+from jaxmm.verdicts.named_scans import NamedScan
 from warp_scanner.buildings.room_buildings import building_of_room
 from warp_scanner.scenes.scenes import BOX, CEILING, FLOOR, WALL, Primitives
 from warp_scanner.sensors.scan import Rays

@@ -1,6 +1,6 @@
 """Detection of scans whose poses are right, and no more than that: what several test files share."""
 
-from jaxmm.verdicts.detection import NamedScan
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.settings import DetectSettings
 
 AS_IS = DetectSettings(refine=False, propose_views=False)

@@ -15,7 +15,8 @@ from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.range_noise import LEAST_POINTS, nearest_rays, settled, step_of
 from jaxmm.rays.scan_rays import MOST_RAYS, PosedScan
 from jaxmm.runs.room_scans import room_cases, true_boxes
-from jaxmm.verdicts.detection import NamedScan, detect_scans, settled_scan
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.named_scans import NamedScan, settled_scan
 from jaxmm.verdicts.results import box_of
 from jaxmm.weights import DEFAULT
 from tests.cases.exact_poses import AS_IS

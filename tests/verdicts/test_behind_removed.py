@@ -9,7 +9,8 @@ from benchmarks.detections import elements_of
 from jaxmm.rays.scan_rays import rays_of_scan
 from jaxmm.runs.room_scans import room_cases
 from jaxmm.verdicts.behind_removed import filling, look_past_what_is_gone
-from jaxmm.verdicts.detection import NamedScan, detect_scans, look_at
+from jaxmm.verdicts.detection import detect_scans, look_at
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import prior_of_building
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VerdictSettings

@@ -10,8 +10,9 @@ from jaxmm.objects.patches import Sight
 from jaxmm.rays.evidence import FEATURES, Frame, View, features_of
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.verdicts.building_evidence import hits_of
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.floor_levels import ceilings_over
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import prior_of_building
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT

@@ -9,7 +9,8 @@ import trimesh
 from jaxmm.learning.prediction import read_judges
 from jaxmm.runs.room_scans import room_cases
 from jaxmm.verdicts.contradictions import MOST_CONTRADICTED, contradicted
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import prior_of_building
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT

@@ -7,8 +7,9 @@ import pytest
 
 from jaxmm.learning.prediction import read_judges
 from jaxmm.runs.room_scans import as_cloud, cases_of
-from jaxmm.verdicts.detection import NamedScan, detect_scans
+from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.mirrors import unmirrored
+from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT
 from warp_scanner.clouds.points import points_of

@@ -1,0 +1,76 @@
+"""Robot scans with what is known of their files: their ranges settle, and they are laid upon the prior.
+
+Positions are offsets from the prior's origin, world axes: metres, z up.
+"""
+
+from typing import NamedTuple
+
+from jaxmm.inputs import InputError, Misfit
+from jaxmm.rays.range_noise import settled
+from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
+from jaxmm.verdicts.building_evidence import passed_by, surfaces_along
+from jaxmm.verdicts.cloud_comparison import visible
+from jaxmm.verdicts.contradictions import doubts_by_rays
+from jaxmm.verdicts.placement import Placed, place
+from jaxmm.verdicts.priors import Prior
+from jaxmm.verdicts.results import Pose
+from jaxmm.verdicts.settings import DetectSettings
+from warp_scanner.buildings.positions import away_from
+
+LEAST_TOLD = 0.0005  # share of the points left out of a scan that is worth a word
+
+
+class NamedScan(NamedTuple):
+    """A robot scan with what is known of its file."""
+
+    scan: PosedScan
+    file: str
+    points: int  # in the file
+    pose_source: str  # "given", "file", "estimated" or "searched"
+    deviation: Pose | None = None  # standard deviations of an estimated pose
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()  # those of its notes that say that its points contradict its pose
+    whole: PosedScan | None = None  # with all its points as they were measured, where some were drawn from it to settle
+
+
+def settled_scan(one: NamedScan) -> NamedScan:
+    """A scan whose ranges have settled, with what is to be said of that."""
+    found = settled(one.scan)
+    if found.scan is one.scan and not found.stray:
+        return one
+    if found.scan is one.scan:
+        note = f"{found.stray:.0%} of its points are on no plane with others: its ranges are taken as they are"
+        return one._replace(notes=(*one.notes, note))
+    note = f"its ranges err by {found.sigma * 1000:.{1 if found.sigma < 0.01 else 0}f} mm"
+    if found.moved:
+        note += ": settled on the planes around them"
+    if found.stray >= LEAST_TOLD:
+        note += f"; {found.stray:.1%} of the points, between surfaces or behind edges, were left out"
+    return one._replace(scan=found.scan, notes=(*one.notes, note), whole=one.scan)
+
+
+def placed_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:
+    """A scan where it fits the prior best, with its doubts.
+
+    Raises:
+        InputError: it does not fit; the line names its file.
+    """
+    try:
+        rays = rays_of_scan(one.scan)
+        if prior.has_elements:
+            found = place(
+                one.scan, surfaces_along(prior.scene, rays), refine=settings.refine, limits=settings.limits,
+                passed=lambda: passed_by(prior.scene, rays),
+                shown=lambda there: surfaces_along(prior.scene, rays_of_scan(there)),
+            )  # fmt: skip
+            doubts = doubts_by_rays(prior.scene, found.scan) if settings.preset != "thesis" else ()
+            return found._replace(notes=(*found.notes, *doubts))
+        return place(
+            one.scan, visible(prior.cloud, rays), refine=settings.refine, limits=settings.cloud_limits,
+            in_sight_only=True, shown=lambda there: visible(prior.cloud, rays_of_scan(there)),
+        )  # fmt: skip
+    except (InputError, ValueError) as error:
+        away = away_from(prior.building, one.scan.position) if prior.has_elements else 0.0
+        where = f"; it would be {away:.3g} m outside the building" if away > 0.0 else ""
+        kind = Misfit if isinstance(error, Misfit) else InputError
+        raise kind(f"{one.file}: {error}{where}") from error
