@@ -71,6 +71,7 @@ class Registration(NamedTuple):
     rival: Rival | None = None  # one, if there is
     left: float = 0.0  # share of its points that lay closely on walls at the start, that lie on none any more
     open: tuple[tuple[float, float, float], ...] = ()  # directions along which nothing holds its place
+    gained: float = 0.0  # surfaces that lie better on the prior than at the start
 
 
 class _Clouds(NamedTuple):
@@ -167,6 +168,7 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
         about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely,
         _on_one_plane(points, normals), _rival_of([*level, *free], found), _left(start, found),
         open_directions(moved[found.matches], facing[found.matches], found.residual),
+        start.changed() - found.changed(),
     )  # fmt: skip
 
 

@@ -28,6 +28,7 @@ LEAST_CLOSELY, LEAST_LONE, MOST_NOWHERE = 0.03, 0.85, 0.5
 # Of a scan that is moved far, at least so much of what it sees of walls lies on walls. Chosen on validation rooms and
 # eight buildings: right ones have 0.35 and more, scans of other places in the middle 0.03 and in 95 of 100 up to 0.37.
 LEAST_MOVED = 0.33
+LEAST_GAINED = 2.0  # surfaces that must lie better on the prior, for a far motion without a doubt: one may have moved
 LEAST_ASKED = 0.2  # share of what it sees of walls that the prior must be able to show, for walls to tell of the place
 
 
@@ -157,7 +158,7 @@ def _once_more(
         return found
     return again._replace(
         motion=motion, residual_before=found.residual_before,
-        overlap_before=found.overlap_before, left=found.left,
+        overlap_before=found.overlap_before, left=found.left, gained=found.gained,
     )  # fmt: skip
 
 
@@ -232,6 +233,11 @@ def _doubts(found: Registration, shift: float, limits: FitLimits) -> tuple[str, 
             f"only {found.overlap_before:.0%} of its points match the prior from the pose that was believed, and "
             f"{found.overlap:.0%} when moved by {shift:.2f} m: was its pose so far off? "
             "If not, what it sees is new, and is found with --no-refine",
+        )
+    elif shift > FAR_SHIFT and found.gained < LEAST_GAINED:
+        moved = (
+            f"little more than one surface tells that its pose was off by {shift:.2f} m: if it was not, that surface "
+            "moved, and is found with --no-refine",
         )
     if found.asked < LEAST_ASKED:  # false for NaN, of a scan without walls
         return (f"the prior could show only {found.asked:.0%} of the walls that it sees: is it of this place?", *moved)

@@ -49,11 +49,17 @@ MORE_OFF = (False, -1.0), (False, -0.5), (False, 0.5), (True, 0.5)
     + [pytest.param(*one, marks=pytest.mark.long) for one in MORE_OFF],
 )
 def test_a_wall_that_was_built_off_its_place_is_gone_there_and_new_here(judges, near, by):
-    """Before its old place or behind it; `near` the camera it fills the view, and hardly anything else tells."""
+    """Before its old place or behind it; `near` the camera it fills the view, and hardly anything else tells.
+
+    Nothing but that wall holds the pose along x: a registration may take the pose for off instead, but not silently.
+    """
     position = np.array([1.5 if near else -2.0, 0.2, 1.4])
     prior, scan = prior_of_building(walls_of_room(3.0)), scan_of(walls_of_room(3.0 + by), position)
     for refine in (False, True):
         found = detect_scans(prior, [named(scan)], judges, DetectSettings(refine=refine, propose_views=False))
+        if refine and found.scans[0].registration["shift"] > 0.1:
+            assert f"off by {abs(by):.2f} m" in str(found.scans[0].doubts)
+            continue
         (gone,) = [one for one in found.elements if one.guid == prior.building.elements.guid[5]]
         new = [one for one in found.mismatches if one.mismatch_type == "added"]
         assert [one.object_type for one in new] == ["wall"]
