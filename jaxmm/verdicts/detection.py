@@ -13,6 +13,7 @@ from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
 from jaxmm.learning.prediction import Judges, Side, judge, unjudged
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
+from jaxmm.verdicts.as_built import AsBuilt, as_built, with_displaced
 from jaxmm.verdicts.behind_removed import filling, gone_of, look_past_what_is_gone, remains_of
 from jaxmm.verdicts.building_evidence import sight
 from jaxmm.verdicts.cloud_comparison import compare
@@ -63,7 +64,11 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         prior = without_hanging(prior, settings.semantics)
     if settings.mirrors and beyond_thesis:
         placed, scans = without_mirror_images(prior, placed, scans)
-    looked, told = _looked_at(prior, placed, scans, outdoors, judges)
+    rays = _rays(prior, placed, scans)
+    drawn_prior, stands = prior, as_built(prior, rays, placed, settings)
+    prior = stands.prior
+    watch.lap("deviations")
+    looked, told = _looked_at(prior, rays, scans, outdoors, judges)
     scans = [one._replace(notes=(*one.notes, *found.notes)) for one, found in zip(scans, looked, strict=True)]
     sure, past_gone = partial(_for_sure, prior, looked, scans, settings), None
     if prior.has_elements and beyond_thesis:
@@ -72,17 +77,17 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         )
     told = sure(told)
     watch.lap("evidence")
-    verdicts = verdicts_of(told, settings.verdicts) if prior.has_elements else None
+    verdicts = _verdicts(prior, told, stands, settings) if prior.has_elements else None
     wanted = _of_classes(prior, verdicts, settings)
     mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
     watch.lap("objects")
-    elements = _elements(prior, verdicts, placed, looked, settings) if verdicts is not None else ()
+    elements = _elements(prior, verdicts, placed, looked, stands, settings) if verdicts is not None else ()
     watch.lap("next views")
-    records = _records(prior, scans, placed, (told, settings, mismatches))
+    records = _records(prior, scans, placed, (told, stands, settings, mismatches))
     # Drawn are the rays as the whole model has them, and what the points are held for in the end.
     pairs = zip(looked, past_gone or looked, strict=True)
     drawn = [new._replace(added=new.added._replace(view=one.added.view)) for one, new in pairs]
-    drawing = _drawing(prior, drawn, placed)
+    drawing = _drawing(drawn_prior, drawn, placed)
     registration = {
         "refined": settings.refine,
         "residual": float(np.max([one.residual for one in placed])),
@@ -108,15 +113,25 @@ class _Watch:
         return self._laps | {"total": time.perf_counter() - self._start}
 
 
+def _rays(prior: Prior, placed: list[Placed], scans: list[NamedScan]) -> list[ScanRays]:
+    """The rays of each scan, where it was placed."""
+    found = []
+    for one, scan in zip(placed, scans, strict=True):
+        try:
+            found.append(toward_far_elements(prior, one.scan, rays_of_scan(one.scan), scan.whole))
+        except (InputError, ValueError) as error:
+            raise InputError(f"{scan.file}: {error}") from error
+    return found
+
+
 def _looked_at(
-    prior: Prior, placed: list[Placed], scans: list[NamedScan], outdoors: list[bool], judges: Judges
+    prior: Prior, rays: list[ScanRays], scans: list[NamedScan], outdoors: list[bool], judges: Judges
 ) -> tuple[list[Looked], list[Told | None]]:
     """Each scan as `look_at` has it, of those from outdoors only what is of the building."""
     looked, told = [], []
-    for one, scan, is_out in zip(placed, scans, outdoors, strict=True):
+    for one, scan, is_out in zip(rays, scans, outdoors, strict=True):
         try:
-            rays = toward_far_elements(prior, one.scan, rays_of_scan(one.scan), scan.whole)
-            found, says = look_at(prior, rays, judges)
+            found, says = look_at(prior, one, judges)
         except (InputError, ValueError) as error:
             raise InputError(f"{scan.file}: {error}") from error
         looked.append(of_building_only(prior, found) if is_out else found)
@@ -163,6 +178,11 @@ def _for_sure(
     ]
 
 
+def _verdicts(prior: Prior, told: list[Told], stands: AsBuilt, settings: DetectSettings) -> list[Verdict]:
+    """Of each element, by all that scans tell."""
+    return with_displaced(verdicts_of(told, settings.verdicts), stands, prior, settings)
+
+
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:
     """The verdicts, with those of all other classes left open."""
     if verdicts is None:
@@ -183,7 +203,12 @@ def _doors_passed(prior: Prior, verdicts: list[Verdict] | None, settings: Detect
 
 
 def _elements(
-    prior: Prior, verdicts: list[Verdict], placed: list[Placed], looked: list[Looked], settings: DetectSettings
+    prior: Prior,
+    verdicts: list[Verdict],
+    placed: list[Placed],
+    looked: list[Looked],
+    stands: AsBuilt,
+    settings: DetectSettings,
 ) -> tuple[ElementVerdict, ...]:
     """The verdicts of the wanted classes, with a view to take next where one was hidden."""
     table, storeys = prior.building.elements, prior.building.storeys
@@ -199,7 +224,7 @@ def _elements(
         ElementVerdict(
             table.guid[row], table.ifc_class[row], table.name[row],
             storeys.name[table.storey[row]] if table.storey[row] >= 0 else "",
-            *verdicts[row], views.get(int(row)),
+            *verdicts[row], views.get(int(row)), stands.deviations.get(int(row)),
         )
         for row in rows
     )  # fmt: skip
@@ -225,10 +250,10 @@ def _records(
     prior: Prior,
     scans: list[NamedScan],
     placed: list[Placed],
-    told: tuple[list[Told | None], DetectSettings, tuple[Mismatch, ...]],
+    told: tuple[list[Told | None], AsBuilt, DetectSettings, tuple[Mismatch, ...]],
 ) -> tuple[ScanRecord, ...]:
     """What is known of every scan: which verdicts it changed beyond those before it, which mismatches it shows."""
-    (says, settings, mismatches), records = told, []
+    (says, stands, settings, mismatches), records = told, []
     shows, alone = shown_by_each(mismatches, len(scans))
     if prior.has_elements:
         wanted = np.isin(prior.building.elements.semantic, settings.semantics)
@@ -236,7 +261,9 @@ def _records(
     for number, (one, fit) in enumerate(zip(scans, placed, strict=True)):
         changed = dict.fromkeys(VERDICTS, 0)
         if prior.has_elements:
-            now = np.array([found.verdict for found in verdicts_of(says[: number + 1], settings.verdicts)])[wanted]
+            now = np.array(
+                [found.verdict for found in _verdicts(prior, says[: number + 1], stands.by(number + 1), settings)]
+            )[wanted]
             new = now[now != before]
             changed |= {name: int(np.sum(new == name)) for name in VERDICTS}
             before = now

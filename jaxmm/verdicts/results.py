@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxmm.deviations.deviation import Deviation
 from jaxmm.learning.boxes import Box, sentence
 from jaxmm.rays.evidence import FRACTIONS
-from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, STANDS, UNSCANNED, VERDICTS
+from jaxmm.verdicts.verdicts import DISPLACED, PRESENT, REMOVED, STANDS, VERDICTS
 
 Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
 MOST_NAMED = 5  # in notes on elements
@@ -62,6 +63,7 @@ class ElementVerdict(NamedTuple):
     points: int  # of the prior's scans on it
     rays: tuple[int, int, int, int]  # of the robot in the footprints of those, in the order of evidence.FRACTIONS
     next_view: Pose | None = None  # of an occluded element: the nearest free place that would show it
+    deviation: Deviation | None = None  # how far off its place it stands; None where no face of it tells
 
 
 class ScanRecord(NamedTuple):
@@ -144,7 +146,8 @@ class Detection(NamedTuple):
             count = sum(one.mismatch_type == change and one.object_type == kind for one in self.mismatches)
             if count:
                 found.append(f"{count} {kind if count == 1 else PLURAL[kind]} {change}")
-        verdicts = ", ".join(f"{self.count(name)} {name}" for name in (PRESENT, REMOVED, OCCLUDED, UNSCANNED))
+        named = [name for name in VERDICTS if name != DISPLACED or self.count(name)]
+        verdicts = ", ".join(f"{self.count(name)} {name}" for name in named)
         told = f"; of {len(self.elements)} elements {verdicts}" if self.elements else ""
         return f"{', '.join(found) or 'no mismatch'}{told}"
 
@@ -152,7 +155,7 @@ class Detection(NamedTuple):
 def nothing_present(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
     """What speaks against all that was found: that elements are gone, and none is there."""
     count = {verdict: sum(one.verdict == verdict for one in elements) for verdict in VERDICTS}
-    if count[PRESENT] or not count[REMOVED]:
+    if count[PRESENT] or count[DISPLACED] or not count[REMOVED]:
         return ()
     gone = "1 is" if count[REMOVED] == 1 else f"{count[REMOVED]} are"
     return (f"{gone} told to be removed, and nothing to be present: is the scan of this building, and in this place?",)
@@ -244,6 +247,11 @@ def _element(one: ElementVerdict) -> dict[str, Any]:
     evidence = {"points": one.points} | dict(zip(FRACTIONS, one.rays, strict=True))
     told = one._asdict()
     del told["points"], told["rays"]
+    if one.deviation is not None:
+        deviation = one.deviation._asdict()
+        for private in ("turned", "half", "stands", "scans"):
+            del deviation[private]
+        told["deviation"] = deviation
     return _plain(told | {"evidence": evidence, "probability": told_probability(one.probability)})
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxmm.config import ConfigError, bounded, build, one_of
+from jaxmm.deviations.tolerances import DeviationSettings
 from jaxmm.inputs import one_line
 from jaxmm.learning.boxes import BoxSettings
 from jaxmm.objects.finder import ObjectSettings
@@ -32,6 +33,7 @@ class DetectSettings:
     objects: ObjectSettings = ObjectSettings()  # how the default preset makes objects of points
     boxes: BoxSettings = BoxSettings()  # how the thesis does
     verdicts: VerdictSettings = VerdictSettings()
+    deviations: DeviationSettings = DeviationSettings()  # how far off its place an element may stand
     limits: FitLimits = FitLimits()  # of a building as prior
     cloud_limits: FitLimits = OF_CLOUDS  # of a point cloud as prior
 

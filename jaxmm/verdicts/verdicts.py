@@ -13,7 +13,9 @@ import numpy as np
 from jaxmm.config import bounded
 from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN
 
-PRESENT, REMOVED, OCCLUDED, UNSCANNED = VERDICTS = ("present", "removed", "occluded", "unscanned")
+PRESENT, DISPLACED, REMOVED, OCCLUDED, UNSCANNED = VERDICTS = (
+    "present", "displaced", "removed", "occluded", "unscanned",
+)  # fmt: skip
 STANDS = 0.2  # share of the rays that tell of a removed element, that end on it: from here on a part of it may stand
 MOST_SURE = 12.0  # logit beyond which one scan is not trusted
 # Shares of an element's rays that go through, up to which its points' doubts count as much, and from which not at all.

@@ -9,7 +9,7 @@ from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.priors import prior_of_building, prior_of_cloud
 from jaxmm.verdicts.settings import DetectSettings
-from jaxmm.verdicts.verdicts import REMOVED
+from jaxmm.verdicts.verdicts import DISPLACED, REMOVED
 from tests.cases.box_building import building_of
 from tests.cases.exact_poses import AS_IS, named
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, PILLAR, TABLE, WALL, WINDOW
@@ -68,7 +68,7 @@ def test_a_wall_that_was_built_off_its_place_is_gone_there_and_new_here(judges, 
             assert gone.verdict == REMOVED
 
 
-@pytest.mark.parametrize("away", [0.25, 0.4, 0.9])
+@pytest.mark.parametrize("away", [0.35, 0.4, 0.9])
 @pytest.mark.parametrize("width", [0.3, 0.5])
 def test_a_column_that_moved_straight_away_is_gone_there_and_new_here(judges, away, width):
     """Its old place is before it: all that is seen of it is beyond what the rays should have met, as old things are."""
@@ -78,6 +78,29 @@ def test_a_column_that_moved_straight_away_is_gone_there_and_new_here(judges, aw
     gone, new = found.mismatches
     assert (gone.mismatch_type, new.mismatch_type, new.object_type) == ("removed", "added", "pillar")
     assert np.abs(new.center[:2] - [0.5 + away, 0.2]).max() < 0.06 and new.moved_from == 0
+
+
+@pytest.mark.parametrize("away", [0.06, 0.15, 0.25])
+def test_a_column_that_stands_straight_behind_its_place_is_displaced(judges, away):
+    """As a wall is: neither gone nor new."""
+    column, moved = (((x, 0.2, 1.3), (0.2, 0.2, 1.3), PILLAR) for x in (0.5, 0.5 + away))
+    prior, position = prior_of_building(walls_of_room(3.0, column)), np.array([-2.0, 0.2, 1.4])
+    found = detect_scans(prior, [named(scan_of(walls_of_room(3.0, moved), position))], judges, AS_IS)
+    assert not found.mismatches
+    (told,) = [one for one in found.elements if one.verdict == DISPLACED]
+    assert told.deviation.offset == pytest.approx((away, 0.0, 0.0), abs=1e-3)
+
+
+@pytest.mark.parametrize("by", [0.06, -0.06, 0.25, -0.25])
+def test_a_wall_that_stands_off_its_place_is_displaced(judges, by):
+    """From either side: neither gone, nor hidden, nor new."""
+    position = np.array([-2.0, 0.2, 1.4])
+    prior, scan = prior_of_building(walls_of_room(3.0)), scan_of(walls_of_room(3.0 + by), position)
+    found = detect_scans(prior, [named(scan)], judges, AS_IS)
+    assert not found.mismatches
+    (told,) = [one for one in found.elements if one.verdict == DISPLACED]
+    assert told.guid == prior.building.elements.guid[5] and found.summary().count("1 displaced") == 1
+    assert told.deviation.offset == pytest.approx((by, 0.0, 0.0), abs=1e-4)
 
 
 def test_what_is_not_of_its_size_behind_a_column_that_is_gone_is_no_column(judges):

@@ -142,5 +142,5 @@ def test_the_benchmark_counts_verdicts_of_what_is_gone_and_all_that_is_told_wron
     write_json(tmp_path / "house_ouster-64_3.json", {"views": [*views, {"gone": True, "refused": "why"}]})
     write_json(tmp_path / "house_ouster-64-real_3.json", {"views": views[:1]})
     rows = outdoor_table(tmp_path, 3).splitlines()
-    assert "| ouster-64 | 5 | 1 | 3 | 1 | 1 | 0 | 1 | 3 | 1 |" in rows
-    assert "| ouster-64-real | 1 | 0 | 1 | 0 | 1 | 0 | 0 | 0 | 0 |" in rows
+    assert "| ouster-64 | 5 | 1 | 3 | 1 | 0 | 1 | 0 | 1 | 3 | 1 |" in rows
+    assert "| ouster-64-real | 1 | 0 | 1 | 0 | 0 | 1 | 0 | 0 | 0 | 0 |" in rows

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import jaxmm
+from jaxmm.deviations.deviation import Deviation
 from jaxmm.rays.evidence import FRACTIONS
 from jaxmm.reports.plain_files import elements_csv, mismatches_csv
 from jaxmm.verdicts.results import (
@@ -76,6 +77,17 @@ def random_detection(seed: int) -> Detection:
     def count() -> np.int64:
         return rng.integers(0, 2**40)
 
+    def triple():
+        return tuple(real() for _ in range(3))
+
+    def deviation():
+        interval = tuple(maybe((real(), real())) for _ in range(3))
+        classes = {"loa": "LOA30", "din18202": ("within", "beyond", "open")[rng.integers(3)]}
+        found = Deviation(
+            triple(), interval, real(), triple(), maybe(real()), maybe(real()), real(), real(), 7, classes
+        )
+        return found._replace(half=real(), scans=(0, 1))
+
     mismatches = tuple(
         Mismatch(
             ("pillar", "wall")[rng.integers(2)], ("added", "removed")[rng.integers(2)],
@@ -87,16 +99,16 @@ def random_detection(seed: int) -> Detection:
     )  # fmt: skip
     elements = tuple(
         ElementVerdict(
-            name(), name(), name(), name(), VERDICTS[rng.integers(4)], share(), count(),
+            name(), name(), name(), name(), VERDICTS[rng.integers(5)], share(), count(),
             tuple(count() for _ in range(4)),
-            maybe(pose()),
+            maybe(pose()), maybe(deviation()),
         )
         for _ in range(rng.integers(5))
     )  # fmt: skip
     scans = tuple(
         ScanRecord(
             name(), count(), pose(), ("given", "file", "estimated", "searched")[rng.integers(4)], maybe(pose()),
-            {"shift": real(), "residual": np.float32(real())}, dict(zip(VERDICTS, rng.integers(0, 9, 4), strict=True)),
+            {"shift": real(), "residual": np.float32(real())}, dict(zip(VERDICTS, rng.integers(0, 9, 5), strict=True)),
             (name(),),
         )
         for _ in range(1 + rng.integers(3))

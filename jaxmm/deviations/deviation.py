@@ -1,0 +1,251 @@
+"""As-built places: how far off its place in the model each element stands, with intervals.
+
+E elements, S scans. Positions are offsets from the prior's origin, world axes: metres, z up.
+
+Each face that rays end on is fitted (`fits`), the pose of each scan is told by all of its faces together
+(`pose_errors`), and what is left moves the element: a shift and a turn about its middle, by least squares over all its
+faces in all scans. Directions that no face fixes, as along a wall, stay open. Intervals of 95 % hold the rays' errors,
+how much faces in their place scatter (which holds the sensor's own bias), and the pose's, as the level of detection of
+M3C2 does (Lague et al. 2013, equation 1: both surfaces' errors and the registration's).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.deviations.fits import CUT, Fit, fit_of
+from jaxmm.deviations.meetings import Meetings, groups_of, meetings_of
+from jaxmm.deviations.pose_errors import PoseError, pose_errors, rows_of, scatter
+from jaxmm.deviations.tolerances import din_of, loa_of
+from jaxmm.rays.scan_rays import ScanRays
+from warp_scanner.scenes.building import element_bounds
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.triangles import TriangleScene, cast_triangles
+
+FREE = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)  # [m, rad] standard deviations of an element off its place, before it is seen
+FIXED = 0.05  # [m] of a direction of the shift, up to which faces fix it
+FIXED_TURN = np.radians(0.5)  # of a turn
+NORMAL = 1.96  # standard deviations to either side hold 95 %
+CELL = 0.1  # [m] of a face, that is seen or not
+ANOTHER, ASKED = 0.015, 200  # [m] off its place, from which a face may be another's; and rays that are asked
+Interval = tuple[float, float]
+
+
+class Deviation(NamedTuple):
+    """Where one element stands, less where the model has it. World axes, metres and degrees."""
+
+    offset: tuple[float, float, float]  # of its middle; 0 along what no face fixes
+    interval: tuple[Interval | None, Interval | None, Interval | None]  # 95 %; None along an axis that no face fixes
+    distance: float  # along `direction`
+    direction: tuple[float, float, float]  # the normal of the faces seen, toward the sensor
+    turn: float | None  # about the vertical, counter-clockwise; None where no face tells
+    lean: float | None  # from plumb, or of what lies from level
+    flatness: float  # 95 % of the places of 0.1 m are so near to the fitted faces
+    coverage: float  # share of its surface that was seen, and lies within the tolerance
+    rays: int  # that end on it
+    classes: dict[str, str]  # by standard
+    turned: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  # [rad] rotation vector about its middle, of what faces fix; not in report.json
+    half: float = 0.0  # half the width of the interval of `distance`; not in report.json
+    stands: float = 1.0  # share of the rays that could reach it, that end on it; not in report.json
+    scans: tuple[int, ...] = ()  # numbers of those that show it; not in report.json
+
+
+class _Seen(NamedTuple):
+    """One face of an element in one scan."""
+
+    fit: Fit
+    rays: Meetings  # of its group
+    scan: int
+
+
+def deviations_of(
+    scene: TriangleScene, rays: list[ScanRays], trust: list[str], tolerance: np.ndarray
+) -> dict[int, Deviation]:
+    """The deviation of every element that some scan tells of, by its row.
+
+    Args:
+        scene: the model.
+        rays: of each scan, where it was placed.
+        trust: in the pose of each scan, one of pose_errors.TRUSTS.
+        tolerance: (E,) [m] of each element, for its coverage.
+    """
+    faces: dict[int, list[_Seen]] = {}
+    poses: list[list[PoseError]] = []
+    for number, (one, trusted) in enumerate(zip(rays, trust, strict=True)):
+        met = meetings_of(scene, one)
+        found = []
+        for part in groups_of(met):
+            group = met.of(part)
+            fit = fit_of(group)
+            if fit is not None and not _is_of_another(scene, group, fit):
+                found.append(fit)
+                faces.setdefault(int(group.element[0]), []).append(_Seen(fit, group, number))
+        poses.append(pose_errors(found, one.position, trusted))
+    sensors = [one.position for one in rays]
+    low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
+    area = _areas(scene)
+    told = {
+        row: _deviation(seen, poses, sensors, (low[row], high[row], float(area[row])), float(tolerance[row]))
+        for row, seen in faces.items()
+    }
+    return {row: one for row, one in told.items() if one is not None}
+
+
+def _is_of_another(scene: TriangleScene, group: Meetings, fit: Fit) -> bool:
+    """Whether the rays end on what the model has behind the element: then it is gone, and not off its place."""
+    if abs(fit.level) < ANOTHER:
+        return False
+    some = np.flatnonzero(fit.on)[:: max(1, int(fit.on.sum()) // ASKED)]
+    there = np.ones(len(scene.triangles.semantic), bool)
+    there[group.element[0]] = False
+    way = ((group.end[some] - group.sensor) / group.reach[some, None]).astype(np.float32)
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    expected = cast_triangles(scene, Rays(group.sensor[None], way), there).distance[0]
+    return float(np.median(np.abs(expected - group.reach[some]))) < max(ANOTHER, CUT * fit.sigma)
+
+
+class _Moved(NamedTuple):
+    """How an element stands after all scans' poses were corrected."""
+
+    step: np.ndarray  # (6,) [m, rad] about its middle
+    covariance: np.ndarray  # (6, 6)
+
+
+def _deviation(
+    seen: list[_Seen],
+    poses: list[list[PoseError]],
+    sensors: list[np.ndarray],
+    body: tuple[np.ndarray, np.ndarray, float],
+    tolerance: float,
+) -> Deviation | None:
+    """Of one element; None where nothing fixes it along any direction."""
+    low, high, area = body
+    middle = (low + high) / 2.0
+    likely = [one[0] for one in poses]
+    best = _moved(seen, likely, sensors, middle)
+    axes, fixed = _fixed(best.covariance[:3, :3])
+    if not fixed.any():
+        return None
+    # Other poses that explain a scan as well widen what is told.
+    others = [
+        _moved(seen, [*likely[:scan], other, *likely[scan + 1 :]], sensors, middle)
+        for scan in {one.scan for one in seen}
+        for other in poses[scan][1:]
+    ]
+    keep = axes[:, fixed] @ axes[:, fixed].T
+    offset = keep @ best.step[:3]
+    normals = sum(np.outer(one.fit.normal, one.fit.normal) * one.fit.on.sum() for one in seen)
+    direction = _toward(np.linalg.eigh(keep @ normals @ keep)[1][:, -1], seen)
+    ways = [*np.eye(3), direction]
+    spans = [_span(way, keep, [best, *others]) for way in ways]
+    open_axis = [np.linalg.norm(keep @ way) < np.sin(np.radians(3.0)) for way in np.eye(3)]
+    turned = _turned(best)
+    turn, lean = _angles(best, turned)
+    flatness, covered = _surface(seen, likely, sensors, tolerance)
+    half = (spans[3][1] - spans[3][0]) / 2.0
+    distance = float(offset @ direction)
+    on = sum(int(one.fit.on.sum()) for one in seen)
+    could = on + sum(one.fit.through for one in seen)
+    size = float(np.max((high - low)[:2]))
+    slope = None if lean is None else float(np.tan(np.radians(lean)))
+    din = din_of(distance, half, size, slope, float(high[2] - low[2]))
+    return Deviation(
+        tuple(float(value) for value in offset),
+        tuple(None if no else (float(a), float(b)) for no, (a, b) in zip(open_axis, spans[:3], strict=True)),
+        distance, tuple(float(value) for value in direction), turn, lean, flatness,
+        float(min(1.0, covered / max(area, 1e-9))), on,
+        {"loa": loa_of(abs(distance) + flatness), "din18202": din},
+        tuple(float(value) for value in turned), half, float(on / max(could, 1)),
+        tuple(sorted({one.scan for one in seen})),
+    )  # fmt: skip
+
+
+def _moved(seen: list[_Seen], poses: list[PoseError], sensors: list[np.ndarray], middle: np.ndarray) -> _Moved:
+    """Least squares over all faces, with what the poses leave open."""
+    told, right = np.diag(1.0 / np.square(FREE)), np.zeros(6)
+    left: list[tuple[np.ndarray, np.ndarray]] = []
+    for scan in sorted({one.scan for one in seen}):
+        own, pose, sensor = [one.fit for one in seen if one.scan == scan], poses[scan], sensors[scan]
+        correction, how = pose.correction, np.zeros((6, 6))
+        for fit in own:
+            off, arms = rows_of(fit, sensor)
+            # A body that moves by a step moves its face as far toward the sensor.
+            rows, sigma = rows_of(fit, middle)[1], scatter(fit, pose.place)
+            scaled = rows / sigma[:, None]
+            told += scaled.T @ scaled
+            right += scaled.T @ ((off + arms @ correction) / sigma)
+            how += scaled.T @ (arms / sigma[:, None])
+        left.append((how, pose.without(own, sensor)))
+    own = np.linalg.inv(told)
+    return _Moved(own @ right, own + sum(own @ how @ covariance @ how.T @ own for how, covariance in left))
+
+
+def _fixed(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Axes (3, 3), as columns, and which (3,) of them the faces fix."""
+    square, axes = np.linalg.eigh(covariance)
+    return axes, square < FIXED**2
+
+
+def _toward(axis: np.ndarray, seen: list[_Seen]) -> np.ndarray:
+    """An axis with the sign that looks toward the sensors."""
+    looks = sum(float(one.fit.normal @ axis) * one.fit.on.sum() for one in seen)
+    return axis if looks >= 0.0 else -axis
+
+
+def _span(way: np.ndarray, keep: np.ndarray, found: list[_Moved]) -> Interval:
+    """The 95 % interval of what moved along a way, by all that explain it."""
+    along = keep @ way
+    middle = [float(along @ one.step[:3]) for one in found]
+    half = [NORMAL * float(np.sqrt(along @ one.covariance[:3, :3] @ along)) for one in found]
+    return min(m - h for m, h in zip(middle, half, strict=True)), max(m + h for m, h in zip(middle, half, strict=True))
+
+
+def _turned(best: _Moved) -> np.ndarray:
+    """(3,) [rad] rotation vector of what the faces fix."""
+    square, axes = np.linalg.eigh(best.covariance[3:, 3:])
+    fixed = square < FIXED_TURN**2
+    return axes[:, fixed] @ axes[:, fixed].T @ best.step[3:]
+
+
+def _angles(best: _Moved, turned: np.ndarray) -> tuple[float | None, float | None]:
+    """Turn about the vertical, and lean [deg]; None where no face fixes it."""
+    spread = best.covariance[3:, 3:]
+    turn = float(np.degrees(turned[2])) if spread[2, 2] < FIXED_TURN**2 else None
+    leans = np.linalg.eigvalsh(spread[:2, :2])[0] < FIXED_TURN**2
+    return turn, float(np.degrees(np.linalg.norm(turned[:2]))) if leans else None
+
+
+def _surface(
+    seen: list[_Seen], poses: list[PoseError], sensors: list[np.ndarray], tolerance: float
+) -> tuple[float, float]:
+    """Flatness [m], and the area [m2] that was seen and lies within the tolerance of the model."""
+    apart, cells = [], []
+    for one in seen:
+        fit, on = one.fit, one.fit.on
+        place = one.rays.end[on] @ fit.axes.T
+        middle = fit.middle @ fit.axes.T
+        off = one.rays.off[on]
+        left = off - fit.level - (place - middle) @ fit.slope
+        where = np.floor(place / CELL).astype(np.int64)
+        cell, number, count = np.unique(where, axis=0, return_inverse=True, return_counts=True)
+        number = number.ravel()
+        apart.append(np.abs(np.bincount(number, left) / count))
+        arms = one.rays.end[on] - sensors[one.scan]
+        step = poses[one.scan].correction
+        moved = off + (step[:3] + np.cross(step[3:], arms)) @ fit.normal
+        within = np.abs(np.bincount(number, moved) / count) <= tolerance
+        side = np.full(within.sum(), int(one.rays.group[0]))
+        cells.append(np.column_stack([side, cell[within]]))
+    return float(np.percentile(np.concatenate(apart), 95.0)), len(np.unique(np.concatenate(cells), axis=0)) * CELL**2
+
+
+def _areas(scene: TriangleScene) -> np.ndarray:
+    """(E,) [m2] of the surface of each element."""
+    triangles = scene.triangles
+    a, b, c = (triangles.vertices[corner].astype(np.float64) for corner in triangles.faces.T)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
+    return np.bincount(triangles.element, area, len(triangles.semantic))

@@ -1,0 +1,125 @@
+"""Faces fitted to the rays that should meet them: how far off its place each stands, and what of it stands.
+
+K rays of one group. Positions are offsets from the prior's origin, world axes: metres, z up.
+
+An element stands in its place where at least half of the rays that could reach its face end on it; what ends before the
+face, as on furniture, says nothing against that. Else it may stand somewhere else: the plane that most of the rays end
+on, which may be turned and lean a little, tells where (random samples: Fischler and Bolles 1981; then least squares of
+what lies near it).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.deviations.meetings import MOST_OFF, Meetings
+
+LEAST_RAYS = 20  # of a group, to be fitted
+IN_PLACE = 0.03  # [m] off its face, up to which a thing is in its place, or hardly off
+STANDS = 0.5  # share of the rays that could reach a face, that must end on it
+TRIES, TRIED = 80, 400  # samples of three rays, and rays that judge them
+MOST_SLOPE = np.tan(np.radians(5.0))  # of a face off its place, against it
+LEAST_SIGMA = 0.0003  # [m] of exact rays
+CUT = 4.0  # standard deviations, beyond which a ray has no say
+ROUNDS = 6
+CELL = 0.1  # [m] of a face, within which rays err together
+
+
+class Fit(NamedTuple):
+    """A face where it stands: off = level + slope . place, about the middle of what is seen."""
+
+    middle: np.ndarray  # (3,) [m] of what is seen, on the face as it stands
+    normal: np.ndarray  # (3,) unit vector of the model's face, toward the sensor
+    axes: np.ndarray  # (2, 3) unit vectors along the face
+    level: float  # [m] off the model's face at the middle, before it positive
+    slope: np.ndarray  # (2,) along the axes
+    variance: np.ndarray  # (3, 3) of level and slope
+    sigma: float  # [m] of the rays about it
+    extent: np.ndarray  # (2,) [m] standard deviation of what is seen along the axes
+    on: np.ndarray  # (K,) bool: rays that end on it
+    through: int  # rays that end clearly behind it
+    before: int  # rays that end before it
+
+
+def fit_of(group: Meetings) -> Fit | None:
+    """Where the face of a group stands; None where too little ends on one."""
+    if len(group.off) < LEAST_RAYS:
+        return None
+    normal = group.normal.mean(axis=0)
+    normal /= np.linalg.norm(normal)
+    axes = _axes(normal)
+    place = group.end @ axes.T
+    # A cabinet before a wall hides it, and tells nothing against it.
+    near = np.abs(group.off) < IN_PLACE
+    reaches = group.off < IN_PLACE
+    if near.sum() >= max(LEAST_RAYS, STANDS * reaches.sum()):
+        return _fitted(group, place, (normal, axes), near)
+    start = _plane_of_most(group, place)
+    if start is None:
+        return None
+    return _fitted(group, place, (normal, axes), start)
+
+
+def _axes(normal: np.ndarray) -> np.ndarray:
+    """Unit vectors (2, 3) along a face: level first."""
+    level = np.cross([0.0, 0.0, 1.0], normal)
+    if np.linalg.norm(level) < 0.3:
+        level = np.cross(normal, [0.0, 1.0, 0.0])
+    level /= np.linalg.norm(level)
+    return np.stack([level, np.cross(normal, level)])
+
+
+def _plane_of_most(group: Meetings, place: np.ndarray) -> np.ndarray | None:
+    """(K,) bool: rays about the plane that most of them end on; None where no plane has as many as pass behind it."""
+    rng = np.random.default_rng(0)
+    some = rng.permutation(len(group.off))[:TRIED]
+    some = some[np.abs(group.off[some]) < MOST_OFF]
+    if len(some) < LEAST_RAYS:
+        return None
+    picked = some[rng.integers(0, len(some), (TRIES, 3))]
+    rows = np.concatenate([np.ones((TRIES, 3, 1)), place[picked]], axis=2)
+    right = np.abs(np.linalg.det(rows)) > 1e-3
+    if not right.any():
+        return None
+    planes = np.linalg.solve(rows[right], group.off[picked][right][..., None])[..., 0]
+    planes = planes[np.all(np.abs(planes[:, 1:]) < MOST_SLOPE, axis=1)]
+    if not len(planes):
+        return None
+    width = IN_PLACE / 2
+    apart = group.off[some] - planes[:, :1] - planes[:, 1:] @ place[some].T
+    best = planes[np.argmax(np.sum(np.abs(apart) < width, axis=1))]
+    off = group.off - best[0] - place @ best[1:]
+    on = np.abs(off) < width
+    # Nothing may be seen through what stands: it is the farthest of all that ends there.
+    return on if on.sum() >= max(LEAST_RAYS, STANDS * np.sum(off < width)) else None
+
+
+def _fitted(group: Meetings, place: np.ndarray, frame: tuple[np.ndarray, np.ndarray], start: np.ndarray) -> Fit | None:
+    """Least squares about the rays of a start (K,) bool."""
+    normal, axes = frame
+    on = start
+    for _ in range(ROUNDS):
+        middle = place[on].mean(axis=0)
+        rows = np.column_stack([np.ones(on.sum()), place[on] - middle])
+        found = np.linalg.lstsq(rows, group.off[on], rcond=None)[0]
+        left = group.off - found[0] - (place - middle) @ found[1:]
+        sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(left[on]))))
+        width = max(CUT * sigma, 2.0 * LEAST_SIGMA)
+        new = np.abs(left) < min(width, IN_PLACE)
+        if new.sum() < LEAST_RAYS:
+            return None
+        if np.array_equal(new, on):
+            break
+        on = new
+    # Neighbours err alike: a cell counts as one.
+    cells = len(np.unique(np.floor(place[on] / CELL).astype(np.int64), axis=0))
+    worth = max(4.0, min(float(cells), float(on.sum())))
+    rows = np.column_stack([np.ones(on.sum()), place[on] - middle])
+    told = rows.T @ rows * (worth / on.sum())
+    scale = np.diag([0.0, *(1.0 / np.square(np.full(2, MOST_SLOPE)))]) * sigma**2
+    variance = np.linalg.inv(told + scale) * sigma**2
+    behind = left < -max(width, IN_PLACE)
+    return Fit(
+        group.end[on].mean(axis=0), normal, axes, float(found[0]), found[1:], variance, sigma,
+        place[on].std(axis=0), on, int(behind.sum()), int(np.sum(left > max(width, IN_PLACE))),
+    )  # fmt: skip

@@ -1,0 +1,73 @@
+"""Where rays end near the face that they should meet: what as-built places are measured from.
+
+P rays of one scan, K of them that meet some face of the model, T triangles, G groups. Positions are offsets from the
+prior's origin, world axes: metres, z up.
+
+A group is what one scan shows of the faces of one element that look one way: of a wall one side, of a round column a
+sixth of its shaft. Faces are told by the ray itself, not by what is nearest: of a wall that moved by its own thickness,
+the nearest face is its back, which no ray of this side ends on.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.rays.scan_rays import ScanRays
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.triangles import TriangleScene, cast_faces, face_normals
+
+MOST_OFF = 0.45  # [m] off a face, beyond which a ray does not tell where it stands
+LEAST_COSINE = 0.15  # of the incidence: flatter rays end anywhere
+WAYS = 24  # of normals in plan, that are told apart
+STEEP = 0.7  # a normal that rises by more is of a floor, or a ceiling
+
+
+class Meetings(NamedTuple):
+    """K rays of one scan that should meet a face, those of one group after another."""
+
+    element: np.ndarray  # (K,) int32
+    group: np.ndarray  # (K,) int64: element and way that the face looks
+    normal: np.ndarray  # (K, 3) float64 unit vectors toward the sensor
+    end: np.ndarray  # (K, 3) float64 [m] where the ray ended
+    off: np.ndarray  # (K,) float64 [m] off the face: before it positive, behind it negative
+    reach: np.ndarray  # (K,) float64 [m] from the sensor
+    sensor: np.ndarray  # (3,) float64 [m]
+
+    def of(self, chosen: np.ndarray) -> "Meetings":
+        """Some of them, a mask or places (k,)."""
+        return Meetings(*(field[chosen] for field in self[:-1]), self.sensor)
+
+
+def meetings_of(scene: TriangleScene, rays: ScanRays) -> Meetings:
+    """All rays of a scan that come back, and should meet a face at no flat angle."""
+    direction, distance = rays.direction[: rays.measured], rays.distance[: rays.measured].astype(np.float64)
+    scan, face = cast_faces(scene, Rays(rays.position[None], direction))
+    expected, element, face = scan.distance[0].astype(np.float64), scan.element[0], face[0]
+    hit = np.flatnonzero(np.isfinite(expected) & np.isfinite(distance))
+    way = direction[hit].astype(np.float64)
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    normal = face_normals(scene.triangles, face[hit]).astype(np.float64)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    cosine = -np.einsum("kc,kc->k", normal, way)
+    normal *= np.where(cosine < 0.0, -1.0, 1.0)[:, None]
+    hit, way, normal, cosine = (field[np.abs(cosine) > LEAST_COSINE] for field in (hit, way, normal, np.abs(cosine)))
+    element = element[hit]
+    found = Meetings(
+        element, element * np.int64(WAYS + 2) + _ways(normal), normal, rays.position + way * distance[hit, None],
+        (expected[hit] - distance[hit]) * cosine, distance[hit], np.asarray(rays.position, np.float64),
+    )  # fmt: skip
+    return found.of(np.argsort(found.group, kind="stable"))
+
+
+def _ways(normal: np.ndarray) -> np.ndarray:
+    """(K,) int below WAYS + 2: which way normals (K, 3) look; up, down, or by their angle in plan."""
+    turn = np.arctan2(normal[:, 1], normal[:, 0])
+    # Drawn walls run along axes: no border between two ways may lie there, for rounding would part one face.
+    around = np.round(turn * (WAYS / (2.0 * np.pi))).astype(np.int64) % WAYS
+    return np.where(normal[:, 2] > STEEP, WAYS, np.where(normal[:, 2] < -STEEP, WAYS + 1, around))
+
+
+def groups_of(found: Meetings) -> list[slice]:
+    """The rays of each group, in the order that `meetings_of` gives."""
+    starts = np.flatnonzero(np.diff(found.group, prepend=-1))
+    return [slice(int(a), int(b)) for a, b in zip(starts, [*starts[1:], len(found.group)], strict=True)]

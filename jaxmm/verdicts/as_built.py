@@ -1,0 +1,110 @@
+"""The building as it was built: elements that stand off their places, and the model with them where they stand.
+
+E elements, S scans, T triangles. Positions are offsets from the prior's origin, world axes: metres, z up.
+
+A wall that stands 60 mm off its place is neither gone nor new. Deviations are measured first; what then judges scans is
+the model with every element where it stands, so that nothing is held for new, gone or hidden for having moved a little.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jaxmm.deviations.deviation import Deviation, deviations_of
+from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
+from jaxmm.deviations.tolerances import DeviationSettings
+from jaxmm.rays.scan_rays import ScanRays
+from jaxmm.verdicts.behind_removed import filling
+from jaxmm.verdicts.placement import Placed
+from jaxmm.verdicts.priors import Prior
+from jaxmm.verdicts.settings import CLASSES, DetectSettings
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, UNSCANNED, Verdict
+from warp_scanner.scenes.building import Triangles, element_bounds
+from warp_scanner.sensors.triangles import prepare
+
+KEPT_SHIFT, KEPT_TURN = 0.003, 0.1  # [m], [deg] of the sensor, up to which a pose is as it was given
+LEAST_MOVED = 0.01  # [m] off its place, from which an element is judged where it stands
+STANDS = 0.5  # share of the rays that could reach an element, that end on it where it stands
+
+
+class AsBuilt(NamedTuple):
+    """What stands where."""
+
+    prior: Prior  # with every element where it stands
+    deviations: dict[int, Deviation]  # by row of the element; of those that stand within reach of their places
+
+    def by(self, scans: int) -> "AsBuilt":
+        """What the first so many scans tell of, as all of them do."""
+        return self._replace(deviations={row: one for row, one in self.deviations.items() if one.scans[0] < scans})
+
+
+def as_built(prior: Prior, rays: list[ScanRays], placed: list[Placed], settings: DetectSettings) -> AsBuilt:
+    """Measure what stands where; a cloud has no elements, and the thesis's preset knows of none that moved."""
+    if not prior.has_elements or settings.preset == "thesis":
+        return AsBuilt(prior, {})
+    trust = [_trust(one, settings.refine) for one in placed]
+    limits = settings.deviations
+    found = deviations_of(prior.scene, rays, trust, tolerances(prior, limits))
+    # Farther than that it is another thing, or the same one that was moved.
+    found = {row: one for row, one in found.items() if np.linalg.norm(one.offset) <= limits.most}
+    moved = {
+        row: one
+        for row, one in found.items()
+        if one.stands >= STANDS and abs(one.distance) > max(LEAST_MOVED, one.half)
+    }
+    return AsBuilt(_with_moved(prior, moved, found) if moved else prior, found)
+
+
+def tolerances(prior: Prior, limits: DeviationSettings) -> np.ndarray:
+    """(E,) [m] of each element, by its class."""
+    names = {value: name for name, value in CLASSES.items()}
+    return np.array([limits.of(names.get(int(one), "")) for one in prior.scene.triangles.semantic])
+
+
+def with_displaced(verdicts: list[Verdict], stands: AsBuilt, prior: Prior, settings: DetectSettings) -> list[Verdict]:
+    """The verdicts, with those of elements that stand off their places, and of those that only their faces show."""
+    if not stands.deviations:
+        return verdicts
+    tolerance, found = tolerances(prior, settings.deviations), list(verdicts)
+    for row, one in stands.deviations.items():
+        verdict = found[row].verdict
+        if verdict in (OCCLUDED, UNSCANNED) and one.stands >= STANDS and one.rays >= settings.verdicts.least_rays:
+            verdict = PRESENT
+        if verdict == PRESENT and abs(one.distance) - one.half > tolerance[row]:
+            verdict = DISPLACED
+        found[row] = found[row]._replace(verdict=verdict)
+    return found
+
+
+def _trust(one: Placed, refine: bool) -> str:
+    if not refine:
+        return EXACT
+    return KEPT if one.shift <= KEPT_SHIFT and one.turn <= KEPT_TURN else REGISTERED
+
+
+def _with_moved(prior: Prior, moved: dict[int, Deviation], known: dict[int, Deviation]) -> Prior:
+    """The prior with some elements moved; doors and windows go with their wall, unless they were measured."""
+    triangles = prior.building.triangles
+    count = len(triangles.semantic)
+    steps = {row: (row, one) for row, one in moved.items()}
+    for row, one in moved.items():
+        chosen = np.zeros(count, bool)
+        chosen[row] = True
+        steps |= {
+            int(other): (row, one) for other in np.flatnonzero(filling(prior.building, chosen)) if other not in known
+        }
+    low, high = (bound.astype(np.float64) for bound in element_bounds(triangles))
+    vertices, faces = [triangles.vertices], triangles.faces.copy()
+    total = len(triangles.vertices)
+    for row, (leader, one) in steps.items():
+        own = triangles.element == row
+        used, place = np.unique(triangles.faces[own], return_inverse=True)
+        middle = (low[leader] + high[leader]) / 2.0
+        arms = triangles.vertices[used].astype(np.float64) - middle
+        # Corners may be shared with other elements: what moves gets its own.
+        vertices.append((Rotation.from_rotvec(one.turned).apply(arms) + middle + one.offset).astype(np.float32))
+        faces[own] = total + place.reshape(-1, 3)
+        total += len(used)
+    now = Triangles(np.concatenate(vertices), faces, triangles.element, triangles.semantic)
+    return prior._replace(building=prior.building._replace(triangles=now), scene=prepare(now))
