@@ -22,12 +22,13 @@ from jaxmm.reports.bcf import write_bcf
 from jaxmm.reports.detection_figures import write_figures
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
-from jaxmm.verdicts.alignment import FRAMES, OwnScan, fitting_prior, frame_that_fits, lay, own_scan
+from jaxmm.verdicts.alignment import fitting_prior, lay
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.panoramas import LEAST_SPAN
 from jaxmm.verdicts.priors import Prior, kind_of
 from jaxmm.verdicts.results import Detection
+from jaxmm.verdicts.scan_frames import FRAMES, OwnScan, frame_that_fits, own_scan
 from jaxmm.verdicts.searched_scans import searched_scan
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT
@@ -48,11 +49,13 @@ class Reading:
 
     prior: ReadOptions = ReadOptions()
     unit: float | None = None  # [m] of the scans; None: told by how they lie on the prior
-    frame: str = "world"  # of the scans' points; "sensor", "optical": the pose takes them to the world, see `own_scan`
+    # Of the scans' points: "world"; "sensor", "optical": the pose takes them to the world. None: the world's, or where
+    # a file says a pose and not what it is of, the sensor's if that fits; see `own_scan`.
+    frame: str | None = None
     sensor: Sensor | None = None  # None: any; its view is then what its points span
 
     def __post_init__(self):
-        if self.frame not in FRAMES:
+        if self.frame not in (None, *FRAMES):
             raise InputError(f"--frame: expected {', '.join(FRAMES[:-1])} or {FRAMES[-1]}, got {self.frame!r}")
         if self.unit is not None and not 0.0 < self.unit < 1e6:
             raise InputError(f"--unit: expected a length in metres above 0, got {self.unit:g}")
@@ -115,7 +118,7 @@ def detect(
         others = {frame_that_fits(read, scan, pose, reading.frame, reading.unit) for scan, pose in pairs} - {""}
         if len(others) != 1:
             raise
-        raise Misfit(f"{error}; its points do lie on the prior with --frame {others.pop()}") from error
+        raise Misfit(f"{error}; its points do lie on the prior {others.pop()}") from error
     return detection._replace(timing=detection.timing | {"loading": loaded}, prior=read.file)
 
 
