@@ -24,6 +24,7 @@ CLEARER = 1.25  # times as many points must lie on it as on the prior as it is
 ALIKE = 0.05  # share of points, by which a less likely way to read it must fit better
 HIDDEN_MORE = 3.0  # times as many points are hidden behind others, seen from where a scan was not taken from
 AHEAD, WIDE = 0.98, 70.0  # share of a camera's points within an angle [deg] of where it looks
+UPRIGHT = 30.0  # [deg] from upright, within which the axis is of what looks around
 MEANINGS = (
     "its points were taken to be in the world's frame",
     "its points were taken to be in the sensor's frame, and moved by the pose in its file",
@@ -75,7 +76,7 @@ def own_scan(scan: PointScan, given: GivenPose | None, frame: str | None) -> Own
     if frame is None:
         if not is_untold(scan):
             return own_scan(scan, given, "world")
-        as_it_is, other = (own_scan(_of_camera(one), given, "world") for one in (scan, carried_by_file(scan)))
+        as_it_is, other = (own_scan(_as_seen(one), given, "world") for one in (scan, carried_by_file(scan)))
         return as_it_is._replace(otherwise=other)
     if frame == "optical":
         scan = _as_sensor(scan)
@@ -171,7 +172,7 @@ def frame_that_fits(
         best == "with --frame sensor" and shares[best] - shares[optical] < ALIKE
     ):  # the points are where they are in both
         own = (scan.points - scan.position) @ scan.rotation if scan.in_world else scan.points
-        return optical if _looks_along(own, 2) and not _looks_along(own, 0) else best
+        return optical if _is_optical(thinned(own), scan.rotation if given is None else given.rotation) else best
     return best
 
 
@@ -187,19 +188,27 @@ def _as_sensor(scan: PointScan) -> PointScan:
     return scan._replace(points=scan.points @ OPTICAL.T, rotation=rotation)
 
 
-def _of_camera(scan: PointScan) -> PointScan:
-    """A scan in the world whose pose may be that of a camera's optics, with that of the sensor.
-
-    All that such a camera sees is before its z axis, and not before its x axis.
-    """
-    own = (thinned(scan.points) - scan.position) @ scan.rotation
-    if _looks_along(own, 2) and not _looks_along(own, 0):
+def _as_seen(scan: PointScan) -> PointScan:
+    """A scan in the world, with the pose of the sensor where that in its file may be of its optics."""
+    if _is_optical((thinned(scan.points) - scan.position) @ scan.rotation, scan.rotation):
         return scan._replace(rotation=scan.rotation @ OPTICAL.T)
     return scan
 
 
-def _looks_along(points: np.ndarray, axis: int) -> bool:
-    """Whether points (N, 3) of a sensor's frame are before it as of a camera that looks along an axis of that."""
-    points = thinned(points)
-    ahead = points[:, axis] > np.cos(np.radians(WIDE)) * np.linalg.norm(points, axis=1)
-    return bool(np.mean(ahead) >= AHEAD)
+def _is_optical(own: np.ndarray, rotation: np.ndarray) -> bool:
+    """Whether the axes of a scan's points are those of optics: x right, y down, z forward.
+
+    All that a camera sees is before its z axis then, and not before its x axis. What looks around sees all azimuths,
+    and less elevations about what is upright: then y points down.
+
+    Args:
+        own: (N, 3) points in these axes.
+        rotation: (3, 3) of these axes to the world.
+    """
+    length = np.linalg.norm(own, axis=1)
+    unit = own[length > 0.0] / length[length > 0.0, None]
+    before_x, _, before_z = np.mean(unit > np.cos(np.radians(WIDE)), axis=0) >= AHEAD
+    if before_x or before_z:
+        return bool(before_z and not before_x)
+    low, high = np.percentile(unit, [1, 99], axis=0)
+    return bool(rotation[2, 1] < -np.cos(np.radians(UPRIGHT)) and (high - low)[1] < (high - low)[2])
