@@ -13,6 +13,7 @@ import jaxmm.reports.notebook  # noqa: F401 - with it, notebooks show a detectio
 from jaxmm.files import check_empty, write_folder
 from jaxmm.formats.poses import SEARCH, AskedPose, GivenPose
 from jaxmm.formats.readers import PointScan, read_scans
+from jaxmm.formats.units import FITS
 from jaxmm.ifc.update import write_update
 from jaxmm.inputs import InputError, Misfit
 from jaxmm.learning.prediction import read_judges
@@ -108,9 +109,12 @@ def detect(
             own.append(one or searched_scan(read, scan, reading.frame, reading.unit))
     named = []
     try:
-        for (file, scan), mine, name in zip(found, own, _names([file for file, _ in found]), strict=True):
+        names = _names([file for file, _ in found])
+        for (file, scan), pose, mine, name in zip(found, given, own, names, strict=True):
             with _told_of(file):
-                named.append(_named(read, name, scan, mine, reading))
+                one = _named(read, name, scan, mine, reading)
+                doubts = () if pose == SEARCH else _doubts_about_frame(read, scan, pose, reading)
+                named.append(one._replace(notes=(*one.notes, *doubts), doubts=(*one.doubts, *doubts)))
         loaded = time.perf_counter() - start
         detection = detect_scans(read, named, judges, settings)
     except Misfit as error:
@@ -219,6 +223,12 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
     placed = PosedScan((points - prior.origin).astype(np.float32), pose[0] - prior.origin, pose[1], sensor)
     _check_place(prior, placed, thin - prior.origin, source)
     return NamedScan(placed, name, len(scan.points), source, deviation, (*notes, *doubts), tuple(doubts))
+
+
+def _doubts_about_frame(prior: Prior, scan: PointScan, pose: GivenPose | None, reading: Reading) -> tuple[str, ...]:
+    """That most of a scan would lie on the prior in another frame, and far less does as it is stated."""
+    other = frame_that_fits(prior, scan, pose, reading.frame, reading.unit, FITS)
+    return (f"far more of its points would lie on the prior {other}",) if other else ()
 
 
 def _viewpoint(prior: Prior, thin: np.ndarray, camera: Pinhole) -> tuple[Viewpoint, str]:

@@ -22,7 +22,9 @@ FRAMES = ("world", "sensor", "optical")
 LEAST = 0.2  # share of points that must lie on a prior read another way
 CLEARER = 1.25  # times as many points must lie on it as on the prior as it is
 ALIKE = 0.05  # share of points, by which a less likely way to read it must fit better
-HIDDEN_MORE = 3.0  # times as many points are hidden behind others, seen from where a scan was not taken from
+# So many times as many points are hidden behind others, seen from where a scan was not taken from, and so large a share
+# of them more.
+HIDDEN_MORE, HIDDEN_CLEARLY = 3.0, 0.03
 AHEAD, WIDE = 0.98, 70.0  # share of a camera's points within an angle [deg] of where it looks
 UPRIGHT = 30.0  # [deg] from upright, within which the axis is of what looks around
 MEANINGS = (
@@ -114,7 +116,8 @@ def by_sight(points: np.ndarray, position: np.ndarray) -> tuple[int | None, str]
     best = int(np.argmin(hidden))
     least, most = hidden[best], hidden[1 - best]
     told = f"so others hide {least:.0%} of them from the sensor, else {most:.0%}"
-    return (best, told) if least <= MOST_BEHIND < most and most > HIDDEN_MORE * least else (None, "")
+    clearly = least <= MOST_BEHIND and most > max(HIDDEN_MORE * least, least + HIDDEN_CLEARLY)
+    return (best, told) if clearly else (None, "")
 
 
 def as_it_fits(
@@ -149,10 +152,19 @@ def as_it_fits(
 
 
 def frame_that_fits(
-    prior: Prior, scan: PointScan, given: GivenPose | None, frame: str | None, unit: float | None
+    prior: Prior, scan: PointScan, given: GivenPose | None, frame: str | None, unit: float | None, least: float = LEAST
 ) -> str:
-    """How else far more of a scan would lie on the prior, from the same pose, in words; "" for not at all."""
-    shares, distance = {}, distance_from(prior)
+    """How else far more of a scan would lie on the prior, from the same pose, in words; "" for not at all.
+
+    Args:
+        prior: what it should lie on.
+        scan: as read.
+        given: its pose.
+        frame: as stated, see `own_scan`.
+        unit: [m] of its points if it is known.
+        least: share of its points that must lie on the prior then.
+    """
+    shares, distance, scan = {}, distance_from(prior), scan._replace(points=thinned(scan.points))
     stated = max(_on(one, distance, unit) for one in own_scan(scan, given, frame).ways())
     for other in FRAMES:
         try:
@@ -165,14 +177,12 @@ def frame_that_fits(
             own_scan(scan._replace(points=scan.points @ Y_UP_TO_Z_UP), given, "world"), distance, unit
         )
     best = max(shares, key=shares.get)
-    if shares[best] <= max(LEAST, 2.0 * stated):
+    if shares[best] <= max(least, 2.0 * stated):
         return ""
     optical = "with --frame optical"
-    if (
-        best == "with --frame sensor" and shares[best] - shares[optical] < ALIKE
-    ):  # the points are where they are in both
+    if best == "with --frame sensor" and shares[best] - shares[optical] < ALIKE:  # the same place in both
         own = (scan.points - scan.position) @ scan.rotation if scan.in_world else scan.points
-        return optical if _is_optical(thinned(own), scan.rotation if given is None else given.rotation) else best
+        return optical if _is_optical(own, scan.rotation if given is None else given.rotation) else best
     return best
 
 
