@@ -134,8 +134,10 @@ def fitting_prior(path: Path, options: Any, scans: list[OwnScan], unit: float | 
     # Only the ratio of both units shows in how they fit; a scan as high as a mountain has that of the prior.
     tall = unit is None and options.unit == 1.0 and rise > TALLEST
     as_it_is = max(_share_on(scans, distance, known) for known in (UNITS if tall else (unit,)))
-    if prior.untold is not None and (carried := _if_alike(path, options, prior, scans, as_it_is, unit)) is not None:
-        return carried
+    if prior.untold is not None:
+        prior, was = _told_by_sight(path, options, prior, scans, as_it_is, unit), prior
+        if prior is not was:
+            return prior
     if as_it_is >= SURE:
         return prior
     units = [(1.0, unit)]  # of the prior, and of the scans
@@ -186,22 +188,22 @@ def _carried(options: Any, prior: Prior) -> _Way:
     return _Way(options, prior.untold[1], prior.untold[0], carried=True)
 
 
-def _if_alike(
+def _told_by_sight(
     path: Path, options: Any, prior: Prior, scans: list[OwnScan], as_it_is: float, unit: float | None
-) -> Prior | None:
-    """The cloud moved by the pose in its file, where scans lie on it alike and only then nothing hides what it sees.
+) -> Prior:
+    """A cloud on which the scans lie alike whether the pose in its file moves it or not, in the way that it was seen.
 
     So it is of clouds of one sensor that does not move: they lie on each other either way, but may be on their side.
     """
     way = _carried(options, prior)
     on = _share_on(scans, _read_as(distance_from(prior), way, 1.0), unit)
-    if min(on, as_it_is) < LEAST or abs(on - as_it_is) > ALIKE:
-        return None
+    if min(on, as_it_is) < SURE or abs(on - as_it_is) > ALIKE:
+        return prior
     seen, told = by_sight(prior.cloud.astype(np.float64) + prior.origin, prior.untold[0])
-    if seen != 1:
-        return None
-    read = read_prior(path, options, carried=True)
-    return read._replace(notes=(*read.notes, f"{path.name}: {MEANINGS[1]}: {told}"))
+    if seen == 1:
+        prior = read_prior(path, options, carried=True)
+    told = f"{MEANINGS[seen or 0]}: {told or 'nothing tells whether the pose in its file should move them'}"
+    return prior._replace(notes=(*prior.notes, f"{path.name}: {told}"))
 
 
 def _read_as(distance: Distance, way: _Way, length: float) -> Distance:

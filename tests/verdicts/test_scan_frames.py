@@ -127,6 +127,16 @@ def test_two_clouds_of_one_sensor_that_stands_still_are_upright(tmp_path):
         )
 
 
+def test_it_is_said_that_nothing_tells_of_a_cloud(own, tmp_path):
+    """A pose that only turns: the sensor is at zero either way."""
+    write_pcd(tmp_path / "before.pcd", own, np.zeros(3), TURN)
+    scan = own_scan(untold(own, np.zeros(3)), None, None)
+    prior = fitting_prior(tmp_path / "before.pcd", ReadOptions(), [scan], None)
+    (note,) = prior.notes
+    assert "before.pcd: its points were taken to be in the world's frame: nothing tells" in note
+    np.testing.assert_allclose(lay(prior, scan, None).points, own)
+
+
 def test_clouds_are_read_with_y_up_and_their_poses_with_them(own, tmp_path):
     points, lying = in_world(own), np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     write_pcd(tmp_path / "y.pcd", points @ lying, PLACE @ lying, lying.T @ TURN)
