@@ -13,6 +13,7 @@ import jaxmm.reports.notebook  # noqa: F401 - with it, notebooks show a detectio
 from jaxmm.files import check_empty, write_folder
 from jaxmm.formats.poses import SEARCH, AskedPose, GivenPose
 from jaxmm.formats.readers import PointScan, read_scans
+from jaxmm.formats.units import FITS
 from jaxmm.ifc.update import write_update
 from jaxmm.inputs import InputError, Misfit
 from jaxmm.learning.prediction import read_judges
@@ -22,12 +23,13 @@ from jaxmm.reports.bcf import write_bcf
 from jaxmm.reports.detection_figures import write_figures
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
-from jaxmm.verdicts.alignment import FRAMES, OwnScan, fitting_prior, frame_that_fits, lay, own_scan
+from jaxmm.verdicts.alignment import fitting_prior, lay
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.panoramas import LEAST_SPAN
 from jaxmm.verdicts.priors import Prior, kind_of
 from jaxmm.verdicts.results import Detection
+from jaxmm.verdicts.scan_frames import FRAMES, OwnScan, frame_that_fits, own_scan
 from jaxmm.verdicts.searched_scans import searched_scan
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT
@@ -48,11 +50,13 @@ class Reading:
 
     prior: ReadOptions = ReadOptions()
     unit: float | None = None  # [m] of the scans; None: told by how they lie on the prior
-    frame: str = "world"  # of the scans' points; "sensor", "optical": the pose takes them to the world, see `own_scan`
+    # Of the scans' points: "world"; "sensor", "optical": the pose takes them to the world. None: the world's, or where
+    # a file says a pose and not what it is of, the sensor's if that fits; see `own_scan`.
+    frame: str | None = None
     sensor: Sensor | None = None  # None: any; its view is then what its points span
 
     def __post_init__(self):
-        if self.frame not in FRAMES:
+        if self.frame not in (None, *FRAMES):
             raise InputError(f"--frame: expected {', '.join(FRAMES[:-1])} or {FRAMES[-1]}, got {self.frame!r}")
         if self.unit is not None and not 0.0 < self.unit < 1e6:
             raise InputError(f"--unit: expected a length in metres above 0, got {self.unit:g}")
@@ -105,9 +109,12 @@ def detect(
             own.append(one or searched_scan(read, scan, reading.frame, reading.unit))
     named = []
     try:
-        for (file, scan), mine, name in zip(found, own, _names([file for file, _ in found]), strict=True):
+        names = _names([file for file, _ in found])
+        for (file, scan), pose, mine, name in zip(found, given, own, names, strict=True):
             with _told_of(file):
-                named.append(_named(read, name, scan, mine, reading))
+                one = _named(read, name, scan, mine, reading)
+                doubts = () if pose == SEARCH else _doubts_about_frame(read, scan, pose, reading)
+                named.append(one._replace(notes=(*one.notes, *doubts), doubts=(*one.doubts, *doubts)))
         loaded = time.perf_counter() - start
         detection = detect_scans(read, named, judges, settings)
     except Misfit as error:
@@ -115,7 +122,7 @@ def detect(
         others = {frame_that_fits(read, scan, pose, reading.frame, reading.unit) for scan, pose in pairs} - {""}
         if len(others) != 1:
             raise
-        raise Misfit(f"{error}; its points do lie on the prior with --frame {others.pop()}") from error
+        raise Misfit(f"{error}; its points do lie on the prior {others.pop()}") from error
     return detection._replace(timing=detection.timing | {"loading": loaded}, prior=read.file)
 
 
@@ -216,6 +223,12 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
     placed = PosedScan((points - prior.origin).astype(np.float32), pose[0] - prior.origin, pose[1], sensor)
     _check_place(prior, placed, thin - prior.origin, source)
     return NamedScan(placed, name, len(scan.points), source, deviation, (*notes, *doubts), tuple(doubts))
+
+
+def _doubts_about_frame(prior: Prior, scan: PointScan, pose: GivenPose | None, reading: Reading) -> tuple[str, ...]:
+    """That most of a scan would lie on the prior in another frame, and far less does as it is stated."""
+    other = frame_that_fits(prior, scan, pose, reading.frame, reading.unit, FITS)
+    return (f"far more of its points would lie on the prior {other}",) if other else ()
 
 
 def _viewpoint(prior: Prior, thin: np.ndarray, camera: Pinhole) -> tuple[Viewpoint, str]:

@@ -16,8 +16,9 @@ SENSORS = (
     "what was in view without a return; default: the view that the points span"
 )
 FRAMES = (
-    "of the scans' points: the prior's (default), the sensor's (x forward, y left, z up), or an optical one (x right, "
-    "y down, z forward: ROS, Kinect, PCL); in the last two they are moved to --pose, or else to the pose in their file"
+    "of the scans' points: the prior's, the sensor's (x forward, y left, z up), or an optical one (x right, y down, z "
+    "forward: ROS, Kinect, PCL); in the last two they are moved to --pose, or else to the pose in their file; default: "
+    "the prior's, or of PCD with a VIEWPOINT the sensor's where that fits"
 )
 UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
 CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
@@ -48,12 +49,14 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--classes", action="append", default=[], metavar="CLASS,...", help=CLASSES)
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
-    command.add_argument("--frame", choices=("world", "sensor", "optical"), default="world", help=FRAMES)
+    command.add_argument("--frame", choices=("world", "sensor", "optical"), help=FRAMES)
     command.add_argument("--unit", type=float, metavar="METRES", help=UNIT)
     command.add_argument(
         "--prior-unit", type=float, metavar="METRES", help="of a mesh or cloud as prior; default: told by how it fits"
     )
-    command.add_argument("--up", choices=("y", "z"), help="axis of a mesh as prior; default: told by how it fits")
+    command.add_argument(
+        "--up", choices=("y", "z"), help="axis of a mesh or cloud as prior; default: told by how it fits"
+    )
     command.add_argument("--open-doors", action="store_true", help="leave the prior's doors out")
     command.add_argument("--clear-glass", action="store_true", help="let rays pass the glass of the prior's windows")
 
@@ -135,8 +138,8 @@ def _check_kind(options: argparse.Namespace) -> None:
         return
     if options.apply:
         raise InputError(f"--apply: only for IFC, whose elements it deletes; {options.prior} is a {kind}")
-    if kind == "cloud" and (options.up is not None or options.open_doors or options.clear_glass):
-        raise InputError(f"--up, --open-doors, --clear-glass: not for a point cloud, as {options.prior} is")
+    if kind == "cloud" and (options.open_doors or options.clear_glass):
+        raise InputError(f"--open-doors, --clear-glass: not for a point cloud, as {options.prior} is")
 
 
 def revert(options: argparse.Namespace) -> None:

@@ -12,40 +12,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxmm.formats.poses import OPTICAL, GivenPose
-from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height, thinned
-from jaxmm.inputs import InputError, Misfit
-from jaxmm.verdicts.priors import Prior, distance_from, read_prior
+from jaxmm.inputs import Misfit
+from jaxmm.verdicts.priors import Y_UP_TO_Z_UP, Prior, distance_from, read_prior
+from jaxmm.verdicts.scan_frames import ALIKE, CLEARER, LEAST, MEANINGS, OwnScan, as_it_fits, by_sight
 
-FRAMES = ("world", "sensor", "optical")
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
 ON_A_MAP, TALL_ROOM = 5000.0, 50.0  # [m] a scan so far away is on a map grid; so high, it is in a small unit
 FAR_FROM_FILE = 0.5  # [m] a given pose may be from that of the file, and nothing is said
 ON_GRID = "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
-LEAST = 0.2  # share of points that must lie on a prior read another way
-CLEARER = 1.25  # times as many points must lie on it as on the prior as it is
 STOREY = 3.0  # [m] about as high as scans are
-ALIKE = 0.05  # share of points, by which a less likely way to read it must fit better
 Y_UP = (".glb", ".gltf")  # by their standard
-Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of rows
-
-
-class OwnScan(NamedTuple):
-    """A scan with its pose, before anything is known of its unit."""
-
-    points: np.ndarray  # (N, 3) float64, in the file's unit
-    position: np.ndarray | None  # (3,) float64 of the sensor, [m] where it was given, else in the file's unit
-    rotation: np.ndarray | None  # (3, 3) float64 sensor frame to world
-    source: str  # of the pose: "given", "file", "searched", or "estimated" as long as there is none
-    carried: bool  # the points are in the sensor's frame, and it is the given pose that takes them to the world
-    stated: np.ndarray | None = None  # (3,) float64 of the sensor in its file, in the file's unit, if another was given
-    in_world: bool = False  # it was the pose in the file that took the points to the world
-    notes: tuple[str, ...] = ()  # how its pose was searched
-
-    def world(self, points: np.ndarray) -> np.ndarray:
-        """Some of its points (n, 3) [m], in the frame that the scan is said to be in."""
-        return points @ self.rotation.T + self.position if self.carried else points
 
 
 class LaidScan(NamedTuple):
@@ -70,64 +47,10 @@ class MapGrid(NamedTuple):
         return (points - self.shift) @ self.linear.T
 
 
-def own_scan(scan: PointScan, given: GivenPose | None, frame: str) -> OwnScan:
-    """A scan in the frame that it is said to be in.
-
-    Args:
-        scan: as read.
-        given: its pose, which counts more than that of the file.
-        frame: "world", or "sensor" where the file's points are in the sensor's frame. Then the given pose takes them
-            to the world, or else the file's own; where the reader did so already (`in_world`), that is undone for a
-            given one. "optical" is the same of points whose z is forward, x right and y down; a rotation that the file
-            says is then that of this frame.
-
-    Raises:
-        InputError: points in the sensor's frame without any pose.
-    """
-    if frame == "optical":
-        scan = _as_sensor(scan)
-    if given is not None:
-        given = given.seen_from(frame)
-        position, rotation, source = given.position, given.rotation, "given"
-    elif scan.position is not None:
-        position, rotation, source = scan.position, scan.rotation, "file"
-    else:
-        position, rotation, source = None, None, "estimated"
-    points, carried = scan.points, False
-    if frame != "world":
-        if position is None:
-            raise InputError("points in the sensor's frame need a pose; give it with --pose")
-        if source == "given":
-            points, carried = (points - scan.position) @ scan.rotation if scan.in_world else points, True
-        elif not scan.in_world:
-            points = points @ rotation.T + position
-    stated = scan.position if source == "given" and frame == "world" else None
-    return OwnScan(points, position, rotation, source, carried, stated, scan.in_world)
-
-
-def frame_that_fits(prior: Prior, scan: PointScan, given: GivenPose | None, frame: str, unit: float | None) -> str:
-    """Another frame than `frame` in which far more of a scan lies on the prior, from the same pose; "" for none."""
-    shares, distance = {}, distance_from(prior)
-    for other in FRAMES:
-        try:
-            own = own_scan(scan, given, other)
-        except InputError:  # without a pose there are no other frames
-            return ""
-        shares[other] = fit_of(own.points, _from_scan(own, distance), unit).on
-    best = max(shares, key=shares.get)
-    return best if best != frame and shares[best] > max(LEAST, 2.0 * shares[frame]) else ""
-
-
-def _as_sensor(scan: PointScan) -> PointScan:
-    """A scan whose own frame is optical, as if it were the sensor's."""
-    if scan.in_world:  # only the rotation is still of that frame
-        return scan._replace(rotation=scan.rotation @ OPTICAL.T)
-    rotation = None if scan.rotation is None else scan.rotation @ OPTICAL.T
-    return scan._replace(points=scan.points @ OPTICAL.T, rotation=rotation)
-
-
 def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
     """A scan in metres, in the prior's frame: as it is, or back from the map grid if it lies on the prior only then.
+
+    If its file says a pose and not what that is of, it is told here.
 
     Args:
         prior: what it lies on.
@@ -138,26 +61,31 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
         InputError: it does not lie on the prior, in no unit.
     """
     grid, distance, on_map = _map_grid(prior), distance_from(prior), False
-    fit = fit_of(scan.points, _from_scan(scan, distance), unit)
+    on_grid = None if grid is None else lambda points, reach: distance(grid.back(points), reach)
+    untold = scan.otherwise is not None
+    scan, meant, doubts = as_it_fits(scan, [distance] if on_grid is None else [distance, on_grid], unit)
+    fit = fit_of(scan.points, scan.to(distance), unit)
     if fit.share < LEAST_OVERLAP and grid is not None:
-        mapped = fit_of(scan.points, _from_scan(scan, distance, grid), unit)
+        mapped = fit_of(scan.points, scan.to(on_grid), unit)
         fit, on_map = (mapped, True) if mapped.share >= LEAST_OVERLAP else (fit, False)
     if fit.share < LEAST_OVERLAP and unit is None:
         raise Misfit(
-            f"expected a scan of the prior's place, got {fit.share:.1%} of its points within {NEAR:g} m of it; "
+            f"expected a scan of the prior's place, got {fit.share:.1%} of its points within {NEAR:g} m of it"
+            + (", moved there by the pose in its file or not; " if untold else "; ")
             + _elsewhere(prior, scan, grid)
         )
     points = scan.world(scan.points * fit.unit)
     position = scan.position * fit.unit if scan.source == "file" else scan.position
     pose = None if position is None else (position, scan.rotation)
     notes = (f"it fits the prior in {UNITS[fit.unit]}, and was read so",) if unit is None and fit.unit != 1.0 else ()
+    notes = (*meant, *notes)
     stated = None if scan.stated is None else (grid.back if on_map else np.asarray)(scan.stated * fit.unit)
     if on_map:
         moved = grid.back(points)
         if pose is not None and (scan.source == "file" or _nearer(position, points, moved)):
             pose = grid.back(position), grid.turn @ scan.rotation
         points, notes = moved, (*notes, ON_GRID)
-    return _compared(LaidScan(points, pose, scan.source, notes), stated, scan.in_world)
+    return _compared(LaidScan(points, pose, scan.source, notes, doubts), stated, scan.in_world)
 
 
 def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
@@ -183,7 +111,7 @@ def _compared(laid: LaidScan, stated: np.ndarray | None, in_world: bool) -> Laid
     if off <= FAR_FROM_FILE:
         return laid
     told = f"its pose as given is {off:.1f} m from the one in its file"
-    return laid._replace(doubts=(told,)) if in_world else laid._replace(notes=(*laid.notes, told))
+    return laid._replace(doubts=(*laid.doubts, told)) if in_world else laid._replace(notes=(*laid.notes, told))
 
 
 def fitting_prior(path: Path, options: Any, scans: list[OwnScan], unit: float | None) -> Prior:
@@ -206,6 +134,10 @@ def fitting_prior(path: Path, options: Any, scans: list[OwnScan], unit: float | 
     # Only the ratio of both units shows in how they fit; a scan as high as a mountain has that of the prior.
     tall = unit is None and options.unit == 1.0 and rise > TALLEST
     as_it_is = max(_share_on(scans, distance, known) for known in (UNITS if tall else (unit,)))
+    if prior.untold is not None:
+        prior, was = _told_by_sight(path, options, prior, scans, as_it_is, unit), prior
+        if prior is not was:
+            return prior
     if as_it_is >= SURE:
         return prior
     units = [(1.0, unit)]  # of the prior, and of the scans
@@ -213,50 +145,79 @@ def fitting_prior(path: Path, options: Any, scans: list[OwnScan], unit: float | 
         units = [(one, one) for one in sorted(UNITS, key=lambda one: abs(np.log(rise * one / STOREY)))]
     elif options.unit == 1.0:
         units += [(one, unit or 1.0) for one in UNITS]
-    best, factor, how = as_it_is, 1.0, options
-    for other, back in _ways_up(path, options, prior):
+    best, factor, how = as_it_is, 1.0, _Way(options)
+    for other in _ways(path, options, prior):
         for length, known in units:
-            on = _share_on(scans, _read_as(distance, back, length), known)
+            on = _share_on(scans, _read_as(distance, other, length), known)
             if on > best + ALIKE:
                 best, factor, how = on, length, other
     if best < max(LEAST_OVERLAP if tall else LEAST, CLEARER * as_it_is):
         return prior
     notes = []
-    if how.y_up != options.y_up:
-        up = "y" if how.y_up else "z"
+    if how.options.y_up != options.y_up:
+        up = "y" if how.options.y_up else "z"
         notes.append(f"{path.name} fits the scans with {up} up, and was read that way; --up says which axis it is")
+    if how.carried:
+        notes.append(f"{path.name}: {MEANINGS[1]}: so {best:.0%} of the scans lies on it, else {as_it_is:.0%}")
     if factor != 1.0:
         notes.append(f"{path.name} fits the scans in {UNITS[factor]}, and was read so; --prior-unit says its unit")
-    read = read_prior(path, dataclasses.replace(how, unit=options.unit * factor))
+    read = read_prior(path, dataclasses.replace(how.options, unit=options.unit * factor), carried=how.carried)
     return read._replace(notes=(*read.notes, *notes))
 
 
-def _ways_up(path: Path, options: Any, prior: Prior) -> Iterator[tuple[Any, np.ndarray]]:
-    """How to read a prior, and the turn (3, 3) from there to how it was read: as it is, then with the other axis up."""
-    yield options, np.eye(3)
-    if prior.file.kind == "mesh" and options.y_up is None:
+class _Way(NamedTuple):
+    """A way to read a prior, and how points (N, 3) go from there to where they are as it was read."""
+
+    options: Any  # buildings.ReadOptions
+    turn: np.ndarray = np.eye(3)  # of rows, after the shift
+    shift: np.ndarray = np.zeros(3)  # [m] taken off before
+    carried: bool = False  # by the pose in its file
+
+
+def _ways(path: Path, options: Any, prior: Prior) -> Iterator[_Way]:
+    """As it was read, then with the other axis up, then moved by a pose in its file that may be meant so."""
+    yield _Way(options)
+    if options.y_up is None:
         y_up = path.suffix.lower() not in Y_UP
-        yield dataclasses.replace(options, y_up=y_up), Y_UP_TO_Z_UP.T if y_up else Y_UP_TO_Z_UP
+        yield _Way(dataclasses.replace(options, y_up=y_up), Y_UP_TO_Z_UP.T if y_up else Y_UP_TO_Z_UP)
+    if prior.untold is not None:
+        yield _carried(options, prior)
 
 
-def _read_as(distance: Distance, back: np.ndarray, length: float) -> Distance:
-    """The distance to a prior, were it read another way: turned, and with a unit `length` times as long.
+def _carried(options: Any, prior: Prior) -> _Way:
+    return _Way(options, prior.untold[1], prior.untold[0], carried=True)
+
+
+def _told_by_sight(
+    path: Path, options: Any, prior: Prior, scans: list[OwnScan], as_it_is: float, unit: float | None
+) -> Prior:
+    """A cloud on which the scans lie alike whether the pose in its file moves it or not, in the way that it was seen.
+
+    So it is of clouds of one sensor that does not move: they lie on each other either way, but may be on their side.
+    """
+    way = _carried(options, prior)
+    on = _share_on(scans, _read_as(distance_from(prior), way, 1.0), unit)
+    if min(on, as_it_is) < SURE or abs(on - as_it_is) > ALIKE:
+        return prior
+    seen, told = by_sight(prior.cloud.astype(np.float64) + prior.origin, prior.untold[0])
+    if seen == 1:
+        prior = read_prior(path, options, carried=True)
+    told = f"{MEANINGS[seen or 0]}: {told or 'nothing tells whether the pose in its file should move them'}"
+    return prior._replace(notes=(*prior.notes, f"{path.name}: {told}"))
+
+
+def _read_as(distance: Distance, way: _Way, length: float) -> Distance:
+    """The distance to a prior, were it read another way: moved, and with a unit `length` times as long.
 
     Nothing is read for it: the scan is taken to where it would lie on the prior as it was read.
     """
-    return lambda points, reach: distance(points @ back / length, reach / length) * length
+    return lambda points, reach: distance((points / length - way.shift) @ way.turn, reach / length) * length
 
 
 def _share_on(scans: list[OwnScan], distance: Distance, unit: float | None) -> float:
     """Share of points on the prior, over all scans alike, each in the unit that it fits in best."""
-    return float(np.mean([fit_of(scan.points, _from_scan(scan, distance), unit).on for scan in scans]))
-
-
-def _from_scan(scan: OwnScan, distance: Distance, grid: MapGrid | None = None) -> Distance:
-    """The distance from a scan's own points [m]."""
-    if grid is None:
-        return lambda points, reach: distance(scan.world(points), reach)
-    return lambda points, reach: distance(grid.back(scan.world(points)), reach)
+    shares = [max(fit_of(one.points, one.to(distance), unit).on for one in scan.ways()) for scan in scans]
+    return float(np.mean(shares))
 
 
 def _map_grid(prior: Prior) -> MapGrid | None:

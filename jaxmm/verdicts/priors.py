@@ -35,6 +35,7 @@ FACADE, PROXY = ("IfcCurtainWall", "IfcPlate", "IfcMember"), "IfcBuildingElement
 LEAST_SHAFT = 0.05  # [m] of a column; less is a bolt between two parts of it
 UPRIGHT = 2.0  # [m] height from which a proxy may be a wall or a column
 MOST_BEHIND = 0.1  # share of its points behind others, beyond which a scan was not taken from where its file says
+Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of rows
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
 
 
@@ -49,6 +50,9 @@ class Prior(NamedTuple):
     stray: np.ndarray | None = None  # (M,) bool: of these, points that hang between surfaces; None: nobody knows
     known: KnownBuilding = KnownBuilding()  # of its walls and columns, the most frequent first; a cloud knows none
     file: PriorFile | None = None  # None where it came as arrays
+    # Position (3,) and rotation (3, 3) [m], of a cloud whose file says a pose, and not whether its points are in the
+    # sensor's frame.
+    untold: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def has_elements(self) -> bool:
@@ -56,8 +60,13 @@ class Prior(NamedTuple):
         return self.scene is not None
 
 
-def read_prior(path: Path | str, options: ReadOptions = AS_IT_IS) -> Prior:
+def read_prior(path: Path | str, options: ReadOptions = AS_IT_IS, *, carried: bool = False) -> Prior:
     """The prior in a file: IFC, a mesh, or a point cloud, by the ending; a PLY file without faces is a cloud.
+
+    Args:
+        path: its file.
+        options: how to read it; of a cloud, its unit and which axis is up.
+        carried: the points of a cloud are in the sensor's frame, where its file says a pose and not what they are in.
 
     Raises:
         InputError: one line that names the file and what is wrong with it.
@@ -72,11 +81,33 @@ def read_prior(path: Path | str, options: ReadOptions = AS_IT_IS) -> Prior:
         except (ValueError, ImportError) as error:
             raise InputError(str(error)) from error
         return prior_of_building(building)._replace(file=PriorFile(path.name, kind, building.unit, building.project))
-    scans = read_scans(path)
+    scans = [_upright(scan, bool(options.y_up)) for scan in read_scans(path)]
+    if carried:
+        scans = [carried_by_file(scan) for scan in scans]
     notes = tuple(f"{path.name}: {note}" for scan in scans for note in scan.remarks)
     prior = prior_of_cloud(np.concatenate([scan.points for scan in scans]) * options.unit, notes)
     stray = _stray(prior, scans, options.unit)
-    return prior._replace(stray=stray, file=PriorFile(path.name, kind, options.unit))
+    (first, *others), untold = scans, None
+    if not others and first.position is not None and not first.in_world:
+        untold = first.position * options.unit, first.rotation
+    return prior._replace(stray=stray, file=PriorFile(path.name, kind, options.unit), untold=untold)
+
+
+def carried_by_file(scan: PointScan) -> PointScan:
+    """A scan that its file's pose takes to the world; as it is where there is none, or the reader did so."""
+    if scan.position is None or scan.in_world:
+        return scan
+    return scan._replace(points=scan.points @ scan.rotation.T + scan.position, in_world=True)
+
+
+def _upright(scan: PointScan, y_up: bool) -> PointScan:
+    """A scan with z up, of a file in whose frame y is."""
+    if not y_up:
+        return scan
+    scan = scan._replace(points=scan.points @ Y_UP_TO_Z_UP)
+    if scan.position is None:
+        return scan
+    return scan._replace(position=scan.position @ Y_UP_TO_Z_UP, rotation=Y_UP_TO_Z_UP.T @ scan.rotation)
 
 
 def _stray(prior: Prior, scans: list[PointScan], unit: float) -> np.ndarray:

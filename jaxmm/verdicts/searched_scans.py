@@ -9,23 +9,50 @@ from jaxmm.formats.poses import OPTICAL
 from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import UNITS, height
 from jaxmm.inputs import Misfit
-from jaxmm.verdicts.alignment import STOREY, TALL_ROOM, OwnScan
+from jaxmm.verdicts.alignment import STOREY, TALL_ROOM
 from jaxmm.verdicts.pose_search import search
 from jaxmm.verdicts.priors import Prior
+from jaxmm.verdicts.scan_frames import FRAMES, MEANINGS, OwnScan, by_sight, is_untold
 
 
-def searched_scan(prior: Prior, scan: PointScan, frame: str, unit: float | None) -> OwnScan:
+def searched_scan(prior: Prior, scan: PointScan, frame: str | None, unit: float | None) -> OwnScan:
     """A scan at the only place in the building that it fits; its points are then metres in the sensor's frame.
 
     Args:
         prior: of elements.
         scan: as read; a pose in its file only tells where its zero and axes are.
         frame: "optical" where z is forward, x right and y down in the file; else the sensor's, of which z is up.
+            None: where the file says a pose and not what it is of, what hides what tells, or else which of both fits.
         unit: [m] of its points; None: metres, or what a scan higher than any room is likeliest in.
 
     Raises:
         Misfit: it fits none, or several, which the line names.
     """
+    if frame is not None or not is_untold(scan):
+        return _searched(prior, scan, frame or "world", unit)
+    seen, told = by_sight(scan.points, scan.position)
+    if seen is not None:
+        found = _searched(prior, scan, FRAMES[seen], unit)
+        return found._replace(notes=(f"{MEANINGS[seen]}: {told}", *found.notes))
+    found, why = {}, []
+    for way, either in enumerate(FRAMES[:2]):
+        try:
+            found[way] = _searched(prior, scan, either, unit)
+        except Misfit as error:
+            why.append(error)
+    if not found:
+        raise why[0]
+    if len(found) > 1:
+        raise Misfit(
+            "--pose search: nothing tells whether its points are in the world's frame or in the sensor's, as its file "
+            "says a pose and it fits a place either way; give --frame world or --frame sensor"
+        )
+    ((way, only),) = found.items()
+    return only._replace(notes=(f"{MEANINGS[way]}: so it fits a place, else none", *only.notes))
+
+
+def _searched(prior: Prior, scan: PointScan, frame: str, unit: float | None) -> OwnScan:
+    """A scan in one frame at the only place that it fits; Misfit where there is none."""
     points = sensor_points(scan, frame)
     unit, told = (unit, ()) if unit is not None else _likeliest_unit(points)
     points = points * unit

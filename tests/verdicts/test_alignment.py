@@ -9,8 +9,9 @@ from jaxmm.formats.poses import GivenPose
 from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import TALLEST, UNITS, fit_of
 from jaxmm.inputs import InputError
-from jaxmm.verdicts.alignment import fitting_prior, lay, own_scan
+from jaxmm.verdicts.alignment import fitting_prior, lay
 from jaxmm.verdicts.priors import distance_from, prior_of_cloud, read_prior
+from jaxmm.verdicts.scan_frames import own_scan
 from warp_scanner.scenes.building import ReadOptions, bounds
 
 ROOM = np.array([10.0, 8.0, 3.0])

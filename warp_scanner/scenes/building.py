@@ -91,8 +91,8 @@ class ReadOptions:
 
     glass: str = "solid"  # or "transparent": windows' glass is left out, rays pass
     doors: str = "closed"  # or "open": doors are left out
-    y_up: bool | None = None  # of mesh files: y is up in the file; None: in glTF, which says so, and in no other
-    unit: float = 1.0  # [m] of mesh files: length of the file's unit; IFC files say it themselves
+    y_up: bool | None = None  # of meshes, clouds: y is up in the file; None: in glTF, which says so, and in no other
+    unit: float = 1.0  # [m] of meshes, clouds: length of the file's unit; IFC files say it themselves
 
     def __post_init__(self):
         for name, allowed in (("glass", ("solid", "transparent")), ("doors", ("closed", "open"))):

@@ -1,0 +1,224 @@
+"""In which frame the points of a scan are: the world's, the sensor's, or that of its optics.
+
+A file may say a pose, and not whether its points are in the world or in the frame of the sensor: VIEWPOINT of PCD files
+is written in both meanings. Then it is told by which of them lies on the prior, or else by what the sensor could see.
+
+N points of a scan. World frame: the prior's, metres, z up.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.formats.poses import OPTICAL, GivenPose
+from jaxmm.formats.readers import PointScan
+from jaxmm.formats.units import ON, Distance, fit_of, thinned
+from jaxmm.inputs import InputError
+from jaxmm.rays.scan_rays import overtaken
+from jaxmm.verdicts.priors import MOST_BEHIND, Y_UP_TO_Z_UP, Prior, carried_by_file, distance_from
+
+FRAMES = ("world", "sensor", "optical")
+LEAST = 0.2  # share of points that must lie on a prior read another way
+CLEARER = 1.25  # times as many points must lie on it as on the prior as it is
+ALIKE = 0.05  # share of points, by which a less likely way to read it must fit better
+# So many times as many points are hidden behind others, seen from where a scan was not taken from, and so large a share
+# of them more.
+HIDDEN_MORE, HIDDEN_CLEARLY = 3.0, 0.03
+AHEAD, WIDE = 0.98, 70.0  # share of a camera's points within an angle [deg] of where it looks
+UPRIGHT = 30.0  # [deg] from upright, within which the axis is of what looks around
+MEANINGS = (
+    "its points were taken to be in the world's frame",
+    "its points were taken to be in the sensor's frame, and moved by the pose in its file",
+)
+TURN_IT = "turned from y up to z up, which scans must have, whatever --up says of the prior"
+
+
+class OwnScan(NamedTuple):
+    """A scan with its pose, before anything is known of its unit."""
+
+    points: np.ndarray  # (N, 3) float64, in the file's unit
+    position: np.ndarray | None  # (3,) float64 of the sensor, [m] where it was given, else in the file's unit
+    rotation: np.ndarray | None  # (3, 3) float64 sensor frame to world
+    source: str  # of the pose: "given", "file", "searched", or "estimated" as long as there is none
+    carried: bool  # the points are in the sensor's frame, and it is the given pose that takes them to the world
+    stated: np.ndarray | None = None  # (3,) float64 of the sensor in its file, in the file's unit, if another was given
+    in_world: bool = False  # it was the pose in the file that took the points to the world
+    notes: tuple[str, ...] = ()  # how its pose was searched
+    otherwise: "OwnScan | None" = None  # the same, moved by the pose in its file, which does not say if that is right
+
+    def world(self, points: np.ndarray) -> np.ndarray:
+        """Some of its points (n, 3) [m], in the frame that the scan is said to be in."""
+        return points @ self.rotation.T + self.position if self.carried else points
+
+    def to(self, distance: Distance) -> Distance:
+        """The distance from its own points [m]."""
+        return lambda points, reach: distance(self.world(points), reach)
+
+    def ways(self) -> tuple["OwnScan", ...]:
+        """Itself, and what else it may be."""
+        return (self,) if self.otherwise is None else (self, self.otherwise)
+
+
+def own_scan(scan: PointScan, given: GivenPose | None, frame: str | None) -> OwnScan:
+    """A scan in the frame that it is said to be in.
+
+    Args:
+        scan: as read.
+        given: its pose, which counts more than that of the file.
+        frame: "world", or "sensor" where the file's points are in the sensor's frame. Then the given pose takes them
+            to the world, or else the file's own; where the reader did so already (`in_world`), that is undone for a
+            given one. "optical" is the same of points whose z is forward, x right and y down; a rotation that the file
+            says is then that of this frame. None: the world's, `otherwise` moved there by a pose in the file that does
+            not say for which of both it is meant.
+
+    Raises:
+        InputError: points in the sensor's frame without any pose.
+    """
+    if frame is None:
+        if not is_untold(scan):
+            return own_scan(scan, given, "world")
+        as_it_is, other = (own_scan(_as_seen(one), given, "world") for one in (scan, carried_by_file(scan)))
+        return as_it_is._replace(otherwise=other)
+    if frame == "optical":
+        scan = _as_sensor(scan)
+    if given is not None:
+        given = given.seen_from(frame)
+        position, rotation, source = given.position, given.rotation, "given"
+    elif scan.position is not None:
+        position, rotation, source = scan.position, scan.rotation, "file"
+    else:
+        position, rotation, source = None, None, "estimated"
+    points, carried = scan.points, False
+    if frame != "world":
+        if position is None:
+            raise InputError("points in the sensor's frame need a pose; give it with --pose")
+        if source == "given":
+            points, carried = (points - scan.position) @ scan.rotation if scan.in_world else points, True
+        elif not scan.in_world:
+            points = points @ rotation.T + position
+    stated = scan.position if source == "given" and frame == "world" else None
+    return OwnScan(points, position, rotation, source, carried, stated, scan.in_world)
+
+
+def is_untold(scan: PointScan) -> bool:
+    """Whether its file says a pose, and not whether its points are in the world or in the sensor's frame."""
+    return scan.position is not None and not scan.in_world
+
+
+def by_sight(points: np.ndarray, position: np.ndarray) -> tuple[int | None, str]:
+    """In which frame points (N, 3) are, 0 the world's or 1 the sensor's, as what hides what tells; None: nothing tells.
+
+    In the world they were seen from the `position` (3,) in their file, in the sensor's frame from its zero. A phrase
+    says how many are hidden from there.
+    """
+    hidden = overtaken(points, position), overtaken(points, np.zeros(3))
+    best = int(np.argmin(hidden))
+    least, most = hidden[best], hidden[1 - best]
+    told = f"so others hide {least:.0%} of them from the sensor, else {most:.0%}"
+    clearly = least <= MOST_BEHIND and most > max(HIDDEN_MORE * least, least + HIDDEN_CLEARLY)
+    return (best, told) if clearly else (None, "")
+
+
+def as_it_fits(
+    scan: OwnScan, distances: Sequence[Distance], unit: float | None
+) -> tuple[OwnScan, tuple[str, ...], tuple[str, ...]]:
+    """A scan in the one of its `ways` that is right, with notes and doubts about that.
+
+    Args:
+        scan: as its file has it, or else moved by the pose in the file.
+        distances: to the prior, in each frame that the scan may be in.
+        unit: [m] of its points if it is known.
+    """
+    if scan.otherwise is None:
+        return scan, (), ()
+    ways = scan.ways()
+    on = [max(fit_of(one.points, one.to(distance), unit).on for distance in distances) for one in ways]
+    best = int(np.argmax(on))
+    if on[best] >= LEAST and on[best] > max(CLEARER * on[1 - best], on[1 - best] + ALIKE):
+        return (
+            ways[best],
+            (f"{MEANINGS[best]}: so {on[best]:.0%} of them lie on the prior, else {on[1 - best]:.0%}",),
+            (),
+        )
+    seen, told = by_sight(scan.points, scan.position if scan.source == "file" else scan.stated)
+    if seen is not None:
+        return ways[seen], (f"{MEANINGS[seen]}: {told}; the prior does not tell",), ()
+    moved = np.linalg.norm(thinned(ways[1].points) - thinned(ways[0].points), axis=1) * (unit or 1.0)
+    if np.median(moved) < ON:
+        return scan, (f"{MEANINGS[0]}; that in its file hardly moves them",), ()
+    told = f"as they are {on[0]:.0%} of them lie on the prior, moved by the pose in its file {on[1]:.0%}"
+    return scan, (), (f"nothing tells in which frame its points are: {told}; they are taken as they are (--frame)",)
+
+
+def frame_that_fits(
+    prior: Prior, scan: PointScan, given: GivenPose | None, frame: str | None, unit: float | None, least: float = LEAST
+) -> str:
+    """How else far more of a scan would lie on the prior, from the same pose, in words; "" for not at all.
+
+    Args:
+        prior: what it should lie on.
+        scan: as read.
+        given: its pose.
+        frame: as stated, see `own_scan`.
+        unit: [m] of its points if it is known.
+        least: share of its points that must lie on the prior then.
+    """
+    shares, distance, scan = {}, distance_from(prior), scan._replace(points=thinned(scan.points))
+    stated = max(_on(one, distance, unit) for one in own_scan(scan, given, frame).ways())
+    for other in FRAMES:
+        try:
+            own = own_scan(scan, given, other)
+        except InputError:  # without a pose there are no other frames
+            continue
+        shares[f"with --frame {other}"] = _on(own, distance, unit)
+    if frame in (None, "world"):
+        shares[TURN_IT] = _on(
+            own_scan(scan._replace(points=scan.points @ Y_UP_TO_Z_UP), given, "world"), distance, unit
+        )
+    best = max(shares, key=shares.get)
+    if shares[best] <= max(least, 2.0 * stated):
+        return ""
+    optical = "with --frame optical"
+    if best == "with --frame sensor" and shares[best] - shares[optical] < ALIKE:  # the same place in both
+        own = (scan.points - scan.position) @ scan.rotation if scan.in_world else scan.points
+        return optical if _is_optical(own, scan.rotation if given is None else given.rotation) else best
+    return best
+
+
+def _on(scan: OwnScan, distance: Distance, unit: float | None) -> float:
+    return fit_of(scan.points, scan.to(distance), unit).on
+
+
+def _as_sensor(scan: PointScan) -> PointScan:
+    """A scan whose own frame is optical, as if it were the sensor's."""
+    if scan.in_world:  # only the rotation is still of that frame
+        return scan._replace(rotation=scan.rotation @ OPTICAL.T)
+    rotation = None if scan.rotation is None else scan.rotation @ OPTICAL.T
+    return scan._replace(points=scan.points @ OPTICAL.T, rotation=rotation)
+
+
+def _as_seen(scan: PointScan) -> PointScan:
+    """A scan in the world, with the pose of the sensor where that in its file may be of its optics."""
+    if _is_optical((thinned(scan.points) - scan.position) @ scan.rotation, scan.rotation):
+        return scan._replace(rotation=scan.rotation @ OPTICAL.T)
+    return scan
+
+
+def _is_optical(own: np.ndarray, rotation: np.ndarray) -> bool:
+    """Whether the axes of a scan's points are those of optics: x right, y down, z forward.
+
+    All that a camera sees is before its z axis then, and not before its x axis. What looks around sees all azimuths,
+    and less elevations about what is upright: then y points down.
+
+    Args:
+        own: (N, 3) points in these axes.
+        rotation: (3, 3) of these axes to the world.
+    """
+    length = np.linalg.norm(own, axis=1)
+    unit = own[length > 0.0] / length[length > 0.0, None]
+    before_x, _, before_z = np.mean(unit > np.cos(np.radians(WIDE)), axis=0) >= AHEAD
+    if before_x or before_z:
+        return bool(before_z and not before_x)
+    low, high = np.percentile(unit, [1, 99], axis=0)
+    return bool(rotation[2, 1] < -np.cos(np.radians(UPRIGHT)) and (high - low)[1] < (high - low)[2])
