@@ -1,4 +1,4 @@
-"""A prior, rays and models in; a Detection out. May import: root, formats, rays, learning, objects."""
+"""A prior, rays and models in; a Detection out. May import: root, formats, rays, learning, objects, deviations."""
 
 import lazy_loader
 

@@ -47,7 +47,7 @@ def as_built(prior: Prior, rays: list[ScanRays], placed: list[Placed], settings:
     limits = settings.deviations
     found = deviations_of(prior.scene, rays, trust, tolerances(prior, limits))
     # Farther than that it is another thing, or the same one that was moved.
-    found = {row: one for row, one in found.items() if np.linalg.norm(one.offset) <= limits.most}
+    found = {row: one for row, one in found.items() if np.linalg.norm(one.offset) <= limits.most + one.half}
     moved = {
         row: one
         for row, one in found.items()
