@@ -19,9 +19,10 @@ IN_PLACE = 0.03  # [m] off its face, up to which a thing is in its place, or har
 STANDS = 0.5  # share of the rays that could reach a face, that must end on it
 TRIES, TRIED = 80, 400  # samples of three rays, and rays that judge them
 MOST_SLOPE = np.tan(np.radians(5.0))  # of a face off its place, against it
-LEAST_SIGMA = 0.0003  # [m] of exact rays
+LEAST_SIGMA = 0.0001  # [m] of exact rays
 CUT = 4.0  # standard deviations, beyond which a ray has no say
-ROUNDS = 6
+ROUNDS = 10
+LEAST_EXTENT = 0.02  # [m] standard deviation of ends along a face: less is an edge
 CELL = 0.1  # [m] of a face, within which rays err together
 
 
@@ -52,12 +53,17 @@ def fit_of(group: Meetings) -> Fit | None:
     # A cabinet before a wall hides it, and tells nothing against it.
     near = np.abs(group.off) < IN_PLACE
     reaches = group.off < IN_PLACE
-    if near.sum() >= max(LEAST_RAYS, STANDS * reaches.sum()):
+    if near.sum() >= max(LEAST_RAYS, STANDS * reaches.sum()) and _is_wide(place[near]):
         return _fitted(group, place, (normal, axes), near)
     start = _plane_of_most(group, place)
     if start is None:
         return None
     return _fitted(group, place, (normal, axes), start)
+
+
+def _is_wide(place: np.ndarray) -> bool:
+    """Whether ends (n, 2) [m] cover a part of a face, and no edge of it, as those on the next face do."""
+    return bool(np.all(place.std(axis=0) > LEAST_EXTENT))
 
 
 def _axes(normal: np.ndarray) -> np.ndarray:
@@ -91,7 +97,9 @@ def _plane_of_most(group: Meetings, place: np.ndarray) -> np.ndarray | None:
     off = group.off - best[0] - place @ best[1:]
     on = np.abs(off) < width
     # Nothing may be seen through what stands: it is the farthest of all that ends there.
-    return on if on.sum() >= max(LEAST_RAYS, STANDS * np.sum(off < width)) else None
+    if on.sum() < max(LEAST_RAYS, STANDS * np.sum(off < width)):
+        return None
+    return np.abs(off) < max(CUT * 1.4826 * float(np.median(np.abs(off[on]))), 2.0 * LEAST_SIGMA)
 
 
 def _fitted(group: Meetings, place: np.ndarray, frame: tuple[np.ndarray, np.ndarray], start: np.ndarray) -> Fit | None:
@@ -106,7 +114,7 @@ def _fitted(group: Meetings, place: np.ndarray, frame: tuple[np.ndarray, np.ndar
         sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(left[on]))))
         width = max(CUT * sigma, 2.0 * LEAST_SIGMA)
         new = np.abs(left) < min(width, IN_PLACE)
-        if new.sum() < LEAST_RAYS:
+        if new.sum() < LEAST_RAYS or not _is_wide(place[new]) or np.abs(found[1:]).max() > MOST_SLOPE:
             return None
         if np.array_equal(new, on):
             break

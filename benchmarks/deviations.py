@@ -1,0 +1,310 @@
+"""How far off their places elements stand: errors, intervals, and what is called removed or new because of it.
+
+    python -m benchmarks.deviations [--ifc FOLDER] [--rooms 20] [--seed 42] [--json FILE]     half an hour
+
+Generated rooms (`varied`; seed 42 is of validation) and, with --ifc, places in IFC files. One to three walls or columns
+stand 5 to 300 mm off their places, or are turned by 0.2 to 3 degrees about their middle, or lean as much; clean, and
+with boxes as furniture before the walls; the pose exact, and off by up to 5 cm and 1 degree. Sensors err as built. Of
+elements that 500 rays or more end on. *held* is the share of intervals that hold the truth, of what moved and of what
+did not. The peers, from the true pose, on the same points: the median of signed distances to the nearest surface of the
+model (cloud to mesh), of the points whose nearest surface is the element's, and M3C2 (Lague et al. 2013, by py4dgeo) at
+points of the element's own faces; both are of points within 0.4 m. Prints Markdown.
+"""
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from benchmarks import peers
+from benchmarks.building_views import scanned
+from benchmarks.command_line import CommandLine
+from benchmarks.poses import disturbed
+from benchmarks.timing import write_report
+from jaxmm.deviations.meetings import meetings_of
+from jaxmm.inputs import InputError
+from jaxmm.learning.prediction import Judges, read_judges
+from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
+from jaxmm.runs.room_scans import room_cases
+from jaxmm.verdicts.detection import detect_scans
+from jaxmm.verdicts.named_scans import NamedScan
+from jaxmm.verdicts.priors import Prior, read_prior
+from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, REMOVED, UNSCANNED
+from jaxmm.weights import DEFAULT
+from warp_scanner import draws
+from warp_scanner.buildings.changes import of_element
+from warp_scanner.buildings.positions import draw_positions
+from warp_scanner.rooms.standing import Standing
+from warp_scanner.scenes.building import Triangles, element_bounds, join
+from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
+from warp_scanner.sensors.poses import Pose
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.sense import rays_of
+from warp_scanner.sensors.sensors import sensor_named
+from warp_scanner.sensors.triangles import cast_triangles, prepare
+
+SEED = 42  # of validation
+POSES = {"exact": (0.0, 0.0, 0.0), "off by up to 5 cm, 1°": (0.05, 1.0, 0.5)}
+FULL = {"sensors": ("tls-real", "ouster-64-real", "velodyne-16-real", "oak-d-pro-real"), "rooms": 20}
+SMOKE = {"sensors": ("ouster-64-real",), "rooms": 1}
+LEAST_RAYS = 500  # that end on an element, to be counted
+LEAST_SEEN = 0.002  # share of the rays that would meet an element, for it to be moved
+SHIFT, TURN = (0.005, 0.3), (0.2, 3.0)  # [m], [deg]
+BOXES = 8  # that stand about as furniture
+FAR = 0.4  # [m] up to which peers look
+
+
+class Case(NamedTuple):
+    """A view of a model of which something stands off its place."""
+
+    prior: Prior
+    scan: PosedScan
+    moved: dict[int, np.ndarray]  # row -> (3,) [m] by which the middle of the element was moved
+    turned: set[int]  # rows that were turned, or lean
+
+
+def cases_of(prior: Prior, sensor: str, pose: Pose, furnished: bool, key: tuple[int, int]) -> Case | None:
+    """One view; None where it shows no wall or column."""
+    rng = np.random.default_rng(key)
+    rays = rays_of(sensor_named(sensor), pose)
+    meets = cast_triangles(prior.scene, rays).element[0]
+    seen = np.bincount(meets[meets >= 0], minlength=len(prior.building.elements.guid)) >= LEAST_SEEN * len(meets)
+    seen &= np.isin(prior.building.triangles.semantic, (WALL, PILLAR))
+    if not seen.any():
+        return None
+    chosen = rng.permutation(np.flatnonzero(seen))[: rng.integers(1, 4)]
+    triangles, steps, turned = prior.building.triangles, {}, set()
+    for row in chosen:
+        step, turn = _motion(prior, int(row), rng)
+        steps[int(row)] = step
+        if np.any(turn):
+            turned.add(int(row))
+        triangles = _moved(triangles, int(row), step, turn)
+    if furnished:
+        triangles = join(triangles, _furniture(prior, rays, rng))
+    scan, _ = scanned(prepare(triangles), np.ones(len(triangles.semantic), bool), (sensor_named(sensor), pose), key)
+    return Case(prior, scan, steps, turned)
+
+
+def _motion(prior: Prior, row: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Shift (3,) [m] and rotation vector (3,) [rad] of an element: a wall moves across itself."""
+    one = of_element(prior.building, row)
+    along = np.array([np.cos(np.radians(one.yaw)), np.sin(np.radians(one.yaw)), 0.0])
+    across = np.array([-along[1], along[0], 0.0]) if one.size[0] >= one.size[1] else along
+    if one.semantic == PILLAR:
+        turn = rng.uniform(0.0, 2.0 * np.pi)
+        across = np.array([np.cos(turn), np.sin(turn), 0.0])
+    kind = rng.random()
+    if kind < 0.6:
+        size = np.exp(rng.uniform(*np.log(SHIFT)))
+        return across * size * rng.choice((-1.0, 1.0)), np.zeros(3)
+    angle = np.radians(np.exp(rng.uniform(*np.log(TURN)))) * rng.choice((-1.0, 1.0))
+    way = np.array([0.0, 0.0, 1.0]) if kind < 0.8 else np.cross([0.0, 0.0, 1.0], across)
+    return np.zeros(3), way * angle
+
+
+def _moved(triangles: Triangles, row: int, step: np.ndarray, turn: np.ndarray) -> Triangles:
+    """Triangles with one element moved about its middle."""
+    low, high = element_bounds(triangles)
+    middle = (low[row] + high[row]).astype(np.float64) / 2.0
+    own = np.unique(triangles.faces[triangles.element == row])
+    vertices = triangles.vertices.copy()
+    arms = vertices[own].astype(np.float64) - middle
+    vertices[own] = Rotation.from_rotvec(turn).apply(arms) + middle + step
+    return triangles._replace(vertices=vertices)
+
+
+def _furniture(prior: Prior, rays: Rays, rng: np.random.Generator) -> Triangles:
+    """Boxes that stand before walls, up to 0.3 m from them."""
+    corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
+    face = np.array([
+        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (1, 5, 7), (1, 7, 3),
+        (0, 2, 6), (0, 6, 4),
+    ])  # fmt: skip
+    found = []
+    origin = rays.origin[0].astype(np.float64)
+    for turn in rng.uniform(0.0, 2.0 * np.pi, BOXES):
+        way = np.array([np.cos(turn), np.sin(turn), 0.0], np.float32)
+        down = np.array([0.0, 0.0, -1.0], np.float32)
+        reach = cast_triangles(prior.scene, Rays(origin[None], np.stack([way, down]))).distance[0]
+        size = np.array([rng.uniform(0.3, 0.6), rng.uniform(0.5, 1.5), rng.uniform(0.7, 2.1)])
+        reach[0] -= size[0] / 2.0 + rng.uniform(0.02, 0.3)
+        if not np.isfinite(reach).all() or reach[0] < 1.2:
+            continue
+        turned = Rotation.from_rotvec([0.0, 0.0, turn]).apply(corner * size)
+        place = origin + way * reach[0] - [0.0, 0.0, reach[1]]
+        found.append((turned + place).astype(np.float32))
+    count = len(found)
+    vertices = np.concatenate(found) if found else np.zeros((0, 3), np.float32)
+    faces = np.concatenate([face + 8 * one for one in range(count)]) if found else np.zeros((0, 3), np.int64)
+    element = np.repeat(np.arange(count), len(face)).astype(np.int32)
+    return Triangles(vertices, faces.astype(np.int32), element, np.full(count, OTHER, np.uint8))
+
+
+def room_models(sensor: str, count: int, seed: int) -> Iterator[tuple[Prior, Pose]]:
+    """Of generated rooms."""
+    for case in room_cases("unchanged", "clean", seed, range(count), sensor=sensor):
+        yield case.prior, Pose(*(field[case.row : case.row + 1] for field in case.pairs.pose))
+
+
+def building_models(folder: Path, count: int, seed: int) -> Iterator[tuple[Prior, Pose]]:
+    """Of every IFC file in a folder."""
+    for path in sorted(folder.glob("*.ifc")):
+        prior = read_prior(path)
+        keys = draws.keys(seed, np.arange(3 * count))
+        pose, found = draw_positions(prior.building, prior.scene, Standing(height=(1.0, 1.8)), keys)
+        for number in np.flatnonzero(found)[:count]:
+            yield prior, Pose(*(field[number : number + 1] for field in pose))
+
+
+def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: np.random.Generator) -> dict[str, Any]:
+    """What detection says of a case, and what the peers do."""
+    believed = disturbed(case.scan, most, rng)
+    try:
+        found = detect_scans(
+            case.prior, [NamedScan(believed, "scan", len(believed.points), "given")], judges,
+            DetectSettings(propose_views=False),
+        )  # fmt: skip
+    except InputError:
+        return {"refused": 1}
+    told: dict[str, Any] = {"doubted": int(bool(found.doubts)), "new": 0, "gone": 0, "elements": []}
+    told["new"] = sum(one.mismatch_type == "added" for one in found.mismatches)
+    rivals = {name: rival(case) for name, rival in RIVALS.items() if name != "M3C2" or peers.has("py4dgeo")}
+    rows = {guid: row for row, guid in enumerate(case.prior.building.elements.guid)}
+    for one in found.elements:
+        row = rows[one.guid]
+        moved, deviation = row in case.moved, one.deviation
+        told["gone"] += one.verdict == REMOVED
+        if not moved and deviation is None:
+            continue
+        new: dict[str, Any] = {"moved": moved, "verdict": one.verdict, "turned": row in case.turned}
+        if deviation is not None and deviation.rays >= LEAST_RAYS:
+            way = np.array(deviation.direction)
+            true = float(case.moved.get(row, np.zeros(3)) @ way)
+            new |= {"true": true, "off": deviation.distance - true, "half": deviation.half}
+            new |= {name: scores[row] - true for name, scores in rivals.items() if row in scores}
+        told["elements"].append(new)
+    return told
+
+
+def _cloud_to_mesh(case: Case) -> dict[int, float]:
+    """Row -> median [m] of the signed distances of the points whose nearest surface is the element's."""
+    shown = _surface(case)
+    points = case.scan.points.astype(np.float64)
+    apart, place = cKDTree(shown.end).query(points, distance_upper_bound=FAR)
+    near = np.isfinite(apart)
+    off = np.einsum("nc,nc->n", points[near] - shown.end[place[near]], shown.normal[place[near]])
+    element = shown.element[place[near]]
+    return {int(row): float(np.median(off[element == row])) for row in np.unique(element)}
+
+
+def _m3c2(case: Case) -> dict[int, float]:
+    """Row -> median [m] of the M3C2 distances at points of its faces."""
+    import py4dgeo  # first by peers.has, where it began a log that is gone
+
+    logging.getLogger("py4dgeo").handlers.clear()
+    py4dgeo.set_num_threads(1)
+    shown = _surface(case)
+    some = np.random.default_rng(0).permutation(len(shown.element))[:20_000]
+    core = shown.end[some]
+    search = py4dgeo.M3C2(
+        epochs=(py4dgeo.Epoch(shown.end), py4dgeo.Epoch(case.scan.points.astype(np.float64))), corepoints=core,
+        corepoint_normals=shown.normal[some], cyl_radius=0.1, max_distance=FAR,
+    )  # fmt: skip
+    distance, _ = search.run()
+    known = np.isfinite(distance)
+    element = shown.element[some]
+    return {int(row): float(np.median(distance[known & (element == row)])) for row in np.unique(element[known])}
+
+
+def _surface(case: Case):
+    """The model's faces toward the sensor as points, where the scan's rays should meet them."""
+    rays = rays_of_scan(case.scan)
+    met = meetings_of(case.prior.scene, rays)
+    return met._replace(end=met.end - met.normal * met.off[:, None])
+
+
+RIVALS = {"C2M": _cloud_to_mesh, "M3C2": _m3c2}
+
+
+def row_of(case: str, told: list[dict[str, Any]]) -> dict[str, Any]:
+    """The figures of all views of one kind."""
+    views = [one for one in told if "elements" in one]
+    elements = [each for one in views for each in one["elements"]]
+    moved = [each for each in elements if each["moved"]]
+    known = [each for each in moved if "off" in each]
+    still = [each for each in elements if not each["moved"] and "off" in each]
+    everywhere = known + still
+
+    def middle(name: str, chosen: list[dict[str, Any]]) -> float:
+        values = [abs(each[name]) for each in chosen if name in each]
+        return float(np.median(values)) if values else float("nan")
+
+    def share(flags: list[bool]) -> float:
+        return float(np.mean(flags)) if flags else float("nan")
+
+    return {
+        "case": case, "views": len(told), "refused": len(told) - len(views),
+        "doubted": sum(one["doubted"] for one in views),
+        "moved": len(moved), "measured": len(known), "ours": middle("off", known), "still": middle("off", still),
+        "held": share([abs(each["off"]) <= each["half"] for each in everywhere]),
+        "half": float(np.median([each["half"] for each in everywhere])) if everywhere else float("nan"),
+        "C2M": middle("C2M", known), "M3C2": middle("M3C2", known),
+        "gone": share([each["verdict"] in (REMOVED, OCCLUDED, UNSCANNED) for each in moved]),
+        "falsely displaced": share([each["verdict"] == DISPLACED for each in still]),
+        "new": sum(one["new"] for one in views), "removed": sum(one["gone"] for one in views),
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = CommandLine(__doc__, FULL, SMOKE)
+    parser.add_argument("--ifc", type=Path, metavar="FOLDER", help="also places in the IFC files of a folder")
+    parser.add_argument("--rooms", type=int, metavar="N", help="and places of each file")
+    parser.add_argument("--seed", type=int, default=SEED, metavar="N")
+    parser.add_json()
+    asked = parser.parse_args()
+    for why in filter(None, [peers.why_missing("py4dgeo")]):
+        print(why)
+    judges, rows = read_judges(DEFAULT), []
+    columns = ("views", "refused", "doubted", "moved", "measured", "median error [mm]", "of what stands still [mm]",
+               "held", "median half interval [mm]", "C2M [mm]", "M3C2 [mm]", "moved, told removed or hidden",
+               "still, told displaced", "false new", "false removed")  # fmt: skip
+    print(f"| view | {' | '.join(columns)} |\n|{' --- |' * (len(columns) + 1)}")
+    for sensor in asked.sensors:
+        models = {"rooms": list(room_models(sensor, asked.rooms, asked.seed))}
+        if asked.ifc:
+            models["IFC files"] = list(building_models(asked.ifc, asked.rooms, asked.seed))
+        for where, views in models.items():
+            for furnished in (False, True):
+                cases = [
+                    cases_of(prior, sensor, pose, furnished, (asked.seed, number))
+                    for number, (prior, pose) in enumerate(views)
+                ]
+                cases = [one for one in cases if one is not None]
+                for name, most in POSES.items():
+                    rng = np.random.default_rng(asked.seed)
+                    told = [told_of(case, judges, most, rng) for case in cases]
+                    label = f"{where}, {sensor}, {'furniture' if furnished else 'clean'}, pose {name}"
+                    rows.append(row_of(label, told))
+                    print(_line(rows[-1]), flush=True)
+    if asked.json:
+        write_report(asked.json, rows)
+
+
+def _line(row: dict[str, Any]) -> str:
+    mm = {name: f"{1000 * row[name]:.1f}" for name in ("ours", "still", "half", "C2M", "M3C2")}
+    shares = {name: f"{row[name]:.3f}" for name in ("held", "gone", "falsely displaced")}
+    names = (
+        "case", "views", "refused", "doubted", "moved", "measured", "ours", "still", "held", "half", "C2M", "M3C2",
+        "gone", "falsely displaced", "new", "removed",
+    )  # fmt: skip
+    return "| " + " | ".join(str((row | mm | shares)[name]) for name in names) + " |"
+
+
+if __name__ == "__main__":
+    main()
