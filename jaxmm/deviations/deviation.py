@@ -16,6 +16,7 @@ import numpy as np
 from jaxmm.deviations.fits import CUT, Fit, fit_of
 from jaxmm.deviations.meetings import Meetings, groups_of, meetings_of
 from jaxmm.deviations.pose_errors import PoseError, pose_errors, rows_of, scatter
+from jaxmm.deviations.shifted_columns import Shift
 from jaxmm.deviations.tolerances import din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
 from warp_scanner.scenes.building import element_bounds
@@ -52,6 +53,26 @@ class Deviation(NamedTuple):
     half: float = 0.0  # half the width of the interval of `distance`; not in report.json
     stands: float = 1.0  # share of the rays that could reach it, that end on it; not in report.json
     scans: tuple[int, ...] = ()  # numbers of those that show it; not in report.json
+
+
+def shifted(one: Deviation, shift: Shift) -> Deviation:
+    """The deviation of a column that was found beside its place, from what it is off there."""
+    offset = np.array(one.offset) + shift.step
+    interval = [
+        (shift.step[axis] - shift.half[axis], shift.step[axis] + shift.half[axis]) if axis < 2 and known is None
+        else known and (known[0] + shift.step[axis], known[1] + shift.step[axis])
+        for axis, known in enumerate(one.interval)
+    ]  # fmt: skip
+    distance = float(np.linalg.norm(offset))
+    # No face looks the way it went: what tells is where the whole of it stands.
+    way = offset / max(distance, 1e-9)
+    half = float(sum(abs(way[axis]) * (both[1] - both[0]) / 2.0 for axis, both in enumerate(interval) if both))
+    return one._replace(
+        offset=tuple(float(value) for value in offset),
+        interval=tuple(both and (float(both[0]), float(both[1])) for both in interval),
+        distance=distance, direction=tuple(float(value) for value in way), half=half, coverage=0.0,
+        classes=one.classes | {"loa": loa_of(distance + one.flatness)},
+    )  # fmt: skip
 
 
 class _Seen(NamedTuple):

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jaxmm.deviations.deviation import Deviation, deviations_of
+from jaxmm.deviations.deviation import Deviation, deviations_of, shifted
 from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
+from jaxmm.deviations.shifted_columns import columns_of, shifts_of
 from jaxmm.deviations.tolerances import DeviationSettings
 from jaxmm.rays.scan_rays import ScanRays
 from jaxmm.verdicts.behind_removed import filling
@@ -25,6 +26,7 @@ from warp_scanner.sensors.triangles import prepare
 
 KEPT_SHIFT, KEPT_TURN = 0.003, 0.1  # [m], [deg] of the sensor, up to which a pose is as it was given
 LEAST_MOVED = 0.01  # [m] off its place, from which an element is judged where it stands
+WHOLLY = 0.95  # share of them, below which a column may stand beside its place
 STANDS = 0.5  # share of the rays that could reach an element, that end on it where it stands
 
 
@@ -48,12 +50,27 @@ def as_built(prior: Prior, rays: list[ScanRays], placed: list[Placed], settings:
     found = deviations_of(prior.scene, rays, trust, tolerances(prior, limits))
     # Farther than that it is another thing, or the same one that was moved.
     found = {row: one for row, one in found.items() if np.linalg.norm(one.offset) <= limits.most + one.half}
-    moved = {
-        row: one
-        for row, one in found.items()
-        if one.stands >= STANDS and abs(one.distance) > max(LEAST_MOVED, one.half)
-    }
+    moved = {row: _step(one) for row, one in found.items() if _is_off(one)}
+    # What stands beside its place is where its rays pass.
+    lost = [row for row in columns_of(prior.scene) if row not in found or found[row].stands < WHOLLY]
+    shifts = shifts_of(prior.scene, rays, np.array(lost, int), limits.most)
+    if shifts:
+        there = _with_moved(prior, moved | {row: (one.step, np.zeros(3)) for row, one in shifts.items()}, found)
+        again = deviations_of(there.scene, rays, trust, tolerances(prior, limits))
+        for row, shift in shifts.items():
+            if row in again and again[row].stands >= STANDS:
+                found[row] = shifted(again[row], shift)
+                moved[row] = _step(found[row])
     return AsBuilt(_with_moved(prior, moved, found) if moved else prior, found)
+
+
+def _is_off(one: Deviation) -> bool:
+    """Whether an element surely stands, and surely not in its place."""
+    return one.stands >= STANDS and abs(one.distance) > max(LEAST_MOVED, one.half)
+
+
+def _step(one: Deviation) -> tuple[np.ndarray, np.ndarray]:
+    return np.array(one.offset), np.array(one.turned)
 
 
 def tolerances(prior: Prior, limits: DeviationSettings) -> np.ndarray:
@@ -83,27 +100,29 @@ def _trust(one: Placed, refine: bool) -> str:
     return KEPT if one.shift <= KEPT_SHIFT and one.turn <= KEPT_TURN else REGISTERED
 
 
-def _with_moved(prior: Prior, moved: dict[int, Deviation], known: dict[int, Deviation]) -> Prior:
-    """The prior with some elements moved; doors and windows go with their wall, unless they were measured."""
+def _with_moved(prior: Prior, moved: dict[int, tuple[np.ndarray, np.ndarray]], known: dict[int, Deviation]) -> Prior:
+    """The prior with some elements moved about their middles, by a step [m] and a rotation vector [rad] each.
+
+    Doors and windows go with their wall, unless they were measured.
+    """
     triangles = prior.building.triangles
     count = len(triangles.semantic)
-    steps = {row: (row, one) for row, one in moved.items()}
-    for row, one in moved.items():
+    steps = {row: (row, *step) for row, step in moved.items()}
+    for row, step in moved.items():
         chosen = np.zeros(count, bool)
         chosen[row] = True
-        steps |= {
-            int(other): (row, one) for other in np.flatnonzero(filling(prior.building, chosen)) if other not in known
-        }
+        own = [int(other) for other in np.flatnonzero(filling(prior.building, chosen)) if other not in known]
+        steps |= dict.fromkeys(own, (row, *step))
     low, high = (bound.astype(np.float64) for bound in element_bounds(triangles))
     vertices, faces = [triangles.vertices], triangles.faces.copy()
     total = len(triangles.vertices)
-    for row, (leader, one) in steps.items():
+    for row, (leader, step, turn) in steps.items():
         own = triangles.element == row
         used, place = np.unique(triangles.faces[own], return_inverse=True)
         middle = (low[leader] + high[leader]) / 2.0
         arms = triangles.vertices[used].astype(np.float64) - middle
         # Corners may be shared with other elements: what moves gets its own.
-        vertices.append((Rotation.from_rotvec(one.turned).apply(arms) + middle + one.offset).astype(np.float32))
+        vertices.append((Rotation.from_rotvec(turn).apply(arms) + middle + step).astype(np.float32))
         faces[own] = total + place.reshape(-1, 3)
         total += len(used)
     now = Triangles(np.concatenate(vertices), faces, triangles.element, triangles.semantic)

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxmm.deviations.deviation import deviations_of
 from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
+from jaxmm.deviations.shifted_columns import columns_of, shifts_of
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
 from tests.cases.box_building import building_of
 from warp_scanner.scenes.building import Triangles, element_bounds
@@ -180,3 +181,21 @@ def test_too_few_rays_tell_nothing():
     rays = seen(hall())
     few = rays._replace(direction=rays.direction[:15], distance=rays.distance[:15], measured=15)
     assert told(hall(), few) == {}
+
+
+@pytest.mark.parametrize("step", [(0.1, -0.1, 0.0), (-0.15, 0.15, 0.0), (-0.2, -0.05, 0.0), (0.2, -0.2, 0.0)])
+def test_a_column_beside_its_place_is_found_by_its_shape(step):
+    """Most rays that should meet it pass: its shape is laid over what belongs to nothing else."""
+    real = seen(moved(hall(), COLUMN, step))
+    scene = prepare(hall())
+    assert COLUMN in columns_of(scene) and FREE not in columns_of(scene)
+    found = shifts_of(scene, [real], np.array([COLUMN]), 0.3)[COLUMN]
+    assert np.all(np.abs(found.step[:2] - step[:2]) <= found.half + 0.01) and np.all(found.half <= 0.07)
+
+
+def test_a_column_in_its_place_or_far_from_it_is_not_found_beside_it():
+    scene, rows = prepare(hall()), np.array([COLUMN])
+    for step in ((0.0, 0.0, 0.0), (0.6, 0.2, 0.0)):
+        assert not shifts_of(scene, [seen(moved(hall(), COLUMN, step))], rows, 0.3)
+    gone = building_of(HALL[:COLUMN]).triangles
+    assert not shifts_of(scene, [seen(gone)], rows, 0.3)

@@ -1,0 +1,91 @@
+"""Columns that stand beside their places: where the same shape fits what is there, and belongs to nothing else.
+
+K points, T tried shifts. Positions are offsets from the prior's origin, world axes: metres, z up.
+
+A ray tells how far a face is off along its normal; of a column that moved across the view, rays that should meet it
+pass, and what it now shows belongs to no face of the model. So the column's own surface is laid over those points.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.rays.scan_rays import ScanRays, measured_points
+from warp_scanner.clouds.voxels import thin_clouds
+from warp_scanner.scenes.building import Triangles, element_bounds
+from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare
+
+WIDEST, LOWEST = 1.2, 1.0  # [m] edges in plan of what may be a column, at most, and its height, at least
+STEP, CLOSE = 0.02, 0.015  # [m] between shifts that are tried, and off the surface
+THIN = 0.03  # [m] to which points are thinned
+EXPLAINED = 0.02  # [m] from the surface of something else, within which a point is of that
+ENDS = 0.1  # [m] at foot and head that are left out: floors and ceilings are there
+AROUND = 0.25  # [m] farther than it may have moved: what reaches there is something else
+LEAST_POINTS, LEAST_SHARE = 40, 0.75  # points there that belong to nothing else, and how many of them lie on it
+AS_GOOD = 0.97  # of the most points: shifts with so many are as likely
+MOST_SPREAD = 0.1  # [m] of those shifts, beyond which nobody knows where it stands
+
+
+class Shift(NamedTuple):
+    """Where a column stands."""
+
+    step: np.ndarray  # (3,) [m] off its place
+    half: np.ndarray  # (2,) [m] in x and y, half of what it may as well be
+
+
+def columns_of(scene: TriangleScene) -> np.ndarray:
+    """Rows of the elements that are slender and stand."""
+    low, high = element_bounds(scene.triangles)
+    size = high - low
+    return np.flatnonzero((size[:, :2].max(axis=1) < WIDEST) & (size[:, 2] > LOWEST))
+
+
+def shifts_of(scene: TriangleScene, rays: list[ScanRays], rows: np.ndarray, most: float) -> dict[int, Shift]:
+    """Of some columns, by their rows, those that stand up to `most` [m] off their places."""
+    if not len(rows):
+        return {}
+    low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
+    points = np.concatenate([measured_points(one) for one in rays])
+    found = {int(row): _shift(scene.triangles, points, (low, high), int(row), most) for row in rows}
+    return {row: one for row, one in found.items() if one is not None}
+
+
+def _shift(
+    triangles: Triangles, points: np.ndarray, bounds: tuple[np.ndarray, np.ndarray], row: int, most: float
+) -> Shift | None:
+    low, high = bounds
+    reach = np.array([most + AROUND, most + AROUND, -ENDS])
+    inside = np.all((points > low[row] - reach) & (points < high[row] + reach), axis=1)
+    if inside.sum() < LEAST_POINTS:
+        return None
+    about = points[inside]
+    about = about[thin_clouds([about], THIN)[0]]
+    near = np.all((high > low[row] - 1.0) & (low < high[row] + 1.0), axis=1)
+    near[row] = False
+    others, own = _part(triangles, near[triangles.element]), _part(triangles, triangles.element == row)
+    if others is not None:
+        about = about[clearance(others, about, 2.0 * EXPLAINED) > EXPLAINED]
+    if own is None or len(about) < LEAST_POINTS:
+        return None
+    line = np.arange(-most, most + STEP / 2.0, STEP)
+    tried = np.stack([*np.meshgrid(line, line, indexing="ij"), np.zeros((len(line), len(line)))], axis=-1).reshape(
+        -1, 3
+    )
+    tried = tried[np.linalg.norm(tried, axis=1) <= most]
+    laid = (about[None] - tried[:, None].astype(np.float32)).reshape(-1, 3)
+    on = np.sum(clearance(own, laid, 2.0 * CLOSE).reshape(len(tried), -1) < CLOSE, axis=1)
+    in_place = on[np.argmin(np.linalg.norm(tried, axis=1))]
+    if on.max() < LEAST_SHARE * len(about) or in_place > AS_GOOD * on.max():
+        return None
+    good = tried[on >= AS_GOOD * on.max(), :2]
+    if np.ptp(good, axis=0).max() > MOST_SPREAD:
+        return None
+    middle = (good.min(axis=0) + good.max(axis=0)) / 2.0
+    return Shift(np.array([*middle, 0.0]), np.ptp(good, axis=0) / 2.0 + STEP)
+
+
+def _part(triangles: Triangles, chosen: np.ndarray) -> TriangleScene | None:
+    """Some of the triangles, (T,) bool; None of none."""
+    if not chosen.any():
+        return None
+    return prepare(triangles._replace(faces=triangles.faces[chosen], element=triangles.element[chosen]))
