@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.deviations.fits import CUT, Fit, fit_of
+from jaxmm.deviations.fits import CUT, Fit, fit_of, fits_of_curved
 from jaxmm.deviations.meetings import Meetings, groups_of, meetings_of
 from jaxmm.deviations.pose_errors import PoseError, pose_errors, rows_of, scatter
-from jaxmm.deviations.shifted_columns import Shift
+from jaxmm.deviations.shifted_columns import Shift, columns_of
 from jaxmm.deviations.tolerances import din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
 from warp_scanner.scenes.building import element_bounds
@@ -28,6 +28,7 @@ FIXED = 0.05  # [m] of a direction of the shift, up to which faces fix it
 FIXED_TURN = np.radians(0.5)  # of a turn
 NORMAL = 1.96  # standard deviations to either side hold 95 %
 CELL = 0.1  # [m] of a face, that is seen or not
+ROUND = 4  # ways that faces of a slender body look, that one place shows: no box has so many
 ANOTHER, ASKED = 0.015, 200  # [m] off its place, from which a face may be another's; and rays that are asked
 Interval = tuple[float, float]
 
@@ -96,16 +97,12 @@ def deviations_of(
     """
     faces: dict[int, list[_Seen]] = {}
     poses: list[list[PoseError]] = []
+    slender = columns_of(scene)
     for number, (one, trusted) in enumerate(zip(rays, trust, strict=True)):
-        met = meetings_of(scene, one)
-        found = []
-        for part in groups_of(met):
-            group = met.of(part)
-            fit = fit_of(group)
-            if fit is not None and not _is_of_another(scene, group, fit):
-                found.append(fit)
-                faces.setdefault(int(group.element[0]), []).append(_Seen(fit, group, number))
-        poses.append(pose_errors(found, one.position, trusted))
+        found = [_Seen(fit, group, number) for group, fit in _fits(scene, meetings_of(scene, one), slender)]
+        for each in found:
+            faces.setdefault(int(each.rays.element[0]), []).append(each)
+        poses.append(pose_errors([each.fit for each in found], one.position, trusted))
     sensors = [one.position for one in rays]
     low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
     area = _areas(scene)
@@ -114,6 +111,18 @@ def deviations_of(
         for row, seen in faces.items()
     }
     return {row: one for row, one in told.items() if one is not None}
+
+
+def _fits(scene: TriangleScene, met: Meetings, slender: np.ndarray) -> list[tuple[Meetings, Fit]]:
+    """What one scan shows of each face, or round body, with the rays that should meet it."""
+    groups = [met.of(part) for part in groups_of(met)]
+    ways = np.bincount([int(group.element[0]) for group in groups], minlength=len(scene.triangles.semantic))
+    rounds = np.isin(np.arange(len(ways)), slender) & (ways >= ROUND)
+    found = [(group, fit_of(group)) for group in groups if not rounds[group.element[0]]]
+    for row in np.flatnonzero(rounds):
+        body = met.of(met.element == row)
+        found += [(body, fit) for fit in fits_of_curved(body)]
+    return [(group, fit) for group, fit in found if fit is not None and not _is_of_another(scene, group, fit)]
 
 
 def _is_of_another(scene: TriangleScene, group: Meetings, fit: Fit) -> bool:

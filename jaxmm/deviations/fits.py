@@ -22,12 +22,16 @@ MOST_SLOPE = np.tan(np.radians(5.0))  # of a face off its place, against it
 LEAST_SIGMA = 0.0001  # [m] of exact rays
 CUT = 4.0  # standard deviations, beyond which a ray has no say
 ROUNDS = 10
+LEAST_TOLD = 0.05  # of what a round body tells of its surest way, that it must tell of another
 LEAST_EXTENT = 0.02  # [m] standard deviation of ends along a face: less is an edge
 CELL = 0.1  # [m] of a face, within which rays err together
 
 
 class Fit(NamedTuple):
-    """A face where it stands: off = level + slope . place, about the middle of what is seen."""
+    """A face where it stands: off = level + slope . place, about the middle of what is seen.
+
+    What a curved body tells along one way is told as a face across that way, whose slopes nobody knows.
+    """
 
     middle: np.ndarray  # (3,) [m] of what is seen, on the face as it stands
     normal: np.ndarray  # (3,) unit vector of the model's face, toward the sensor
@@ -59,6 +63,67 @@ def fit_of(group: Meetings) -> Fit | None:
     if start is None:
         return None
     return _fitted(group, place, (normal, axes), start)
+
+
+def fits_of_curved(body: Meetings) -> list[Fit]:
+    """What all rays of a round body tell of its shift, along each way that they fix; none where it stands elsewhere.
+
+    Every ray has its own normal, so off = normal . shift.
+    """
+    if len(body.off) < LEAST_RAYS:
+        return []
+    flat = body.normal[:, :2]
+    on, reaches = np.abs(body.off) < IN_PLACE, body.off < IN_PLACE
+    if on.sum() < max(LEAST_RAYS, STANDS * reaches.sum()):
+        on = _shift_of_most(body.off, flat)
+        if on is None:
+            return []
+    for _ in range(ROUNDS):
+        shift = np.linalg.lstsq(flat[on], body.off[on], rcond=None)[0]
+        left = body.off - flat @ shift
+        sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(left[on]))))
+        width = min(max(CUT * sigma, 2.0 * LEAST_SIGMA), IN_PLACE)
+        new = np.abs(left) < width
+        if new.sum() < max(LEAST_RAYS, STANDS * np.sum(left < width)):
+            return []
+        if np.array_equal(new, on):
+            break
+        on = new
+    cells = len(np.unique(np.floor(body.end[on] / CELL).astype(np.int64), axis=0))
+    worth = max(4.0, min(float(cells), float(on.sum()))) / on.sum()
+    square, ways = np.linalg.eigh(flat[on].T @ flat[on] * worth)
+    middle = body.end[on].mean(axis=0)
+    through, before = int(np.sum(left < -width)), int(np.sum(left > width))
+    found = []
+    for told, way in zip(square, ways.T, strict=True):
+        if told < LEAST_TOLD * square[-1]:
+            continue
+        normal = np.array([*way, 0.0]) * (1.0 if flat[on].sum(axis=0) @ way >= 0.0 else -1.0)
+        axes = _axes(normal)
+        variance = np.diag([sigma**2 / told, *np.full(2, MOST_SLOPE**2)])
+        found.append(Fit(
+            middle, normal, axes, float(np.array([*shift, 0.0]) @ normal), np.zeros(2), variance, sigma,
+            (body.end[on] @ axes.T).std(axis=0), on, through, before,
+        ))  # fmt: skip
+    return found
+
+
+def _shift_of_most(off: np.ndarray, flat: np.ndarray) -> np.ndarray | None:
+    """(K,) bool: rays that end where they would on the body after the shift that most of them tell."""
+    rng = np.random.default_rng(0)
+    near = np.flatnonzero(np.abs(off) < MOST_OFF)
+    if len(near) < LEAST_RAYS:
+        return None
+    picked = near[rng.integers(0, len(near), (TRIES, 2))]
+    rows = flat[picked]
+    right = np.abs(np.linalg.det(rows)) > 0.1
+    if not right.any():
+        return None
+    shifts = np.linalg.solve(rows[right], off[picked][right][..., None])[..., 0]
+    some = rng.permutation(near)[:TRIED]
+    best = shifts[np.argmax(np.sum(np.abs(off[some] - shifts @ flat[some].T) < IN_PLACE / 2, axis=1))]
+    on = np.abs(off - flat @ best) < IN_PLACE / 2
+    return on if on.sum() >= LEAST_RAYS else None
 
 
 def _is_wide(place: np.ndarray) -> bool:

@@ -47,7 +47,10 @@ class PoseError(NamedTuple):
         if not np.isfinite(self.told).all():
             return np.zeros((6, 6))
         off, rows, sigma = _told_by(fits, sensor, self.place)
-        return np.linalg.inv(self.told - _normal(off, rows, sigma, _weights(off, rows, sigma, self.correction))[0])
+        own = _normal(off, rows, sigma, _weights(off, rows, sigma, self.correction))[0]
+        # Nothing is known worse than before any face was seen; rounding must not say so either.
+        square, axes = np.linalg.eigh((self.told - own) * np.outer(GIVEN, GIVEN))
+        return (axes / np.maximum(square, 1.0)) @ axes.T * np.outer(GIVEN, GIVEN)
 
 
 EXACTLY = PoseError(np.full((6, 6), np.inf), np.zeros(6), USUAL_PLACE)  # of a pose that is believed
@@ -81,12 +84,13 @@ def pose_errors(fits: list[Fit], sensor: np.ndarray, trust: str = REGISTERED) ->
     known = [(AS_GIVEN, 0.0), (GIVEN, MARKED)] if trust == KEPT else [(GIVEN, 0.0)]
     if not fits:
         return [PoseError(np.diag(1.0 / np.square(known[0][0])), np.zeros(6), USUAL_PLACE)]
-    place = USUAL_PLACE
+    new = USUAL_PLACE
     for _ in range(3):
+        place = new
         off, rows, sigma = _told_by(fits, sensor, place)
         found = [one for given, cost in known for one in _solutions(off, rows, sigma, given, cost)]
         found.sort(key=lambda one: one[0])
-        place = _place_of(fits, off[:, 0] + rows[:, 0] @ found[0][1], 6)
+        new = _place_of(fits, off[:, 0] + rows[:, 0] @ found[0][1], 6)
     return [PoseError(told, right, place) for cost, _, told, right in found if cost < found[0][0] + AS_GOOD]
 
 

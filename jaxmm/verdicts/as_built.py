@@ -58,9 +58,9 @@ def as_built(prior: Prior, rays: list[ScanRays], placed: list[Placed], settings:
         there = _with_moved(prior, moved | {row: (one.step, np.zeros(3)) for row, one in shifts.items()}, found)
         again = deviations_of(there.scene, rays, trust, tolerances(prior, limits))
         for row, shift in shifts.items():
-            if row in again and again[row].stands >= STANDS:
-                found[row] = shifted(again[row], shift)
-                moved[row] = _step(found[row])
+            one = shifted(again[row], shift) if row in again and again[row].stands >= STANDS else None
+            if one is not None and np.linalg.norm(one.offset) <= limits.most + one.half:
+                found[row], moved[row] = one, _step(one)
     return AsBuilt(_with_moved(prior, moved, found) if moved else prior, found)
 
 
@@ -86,7 +86,8 @@ def with_displaced(verdicts: list[Verdict], stands: AsBuilt, prior: Prior, setti
     tolerance, found = tolerances(prior, settings.deviations), list(verdicts)
     for row, one in stands.deviations.items():
         verdict = found[row].verdict
-        if verdict in (OCCLUDED, UNSCANNED) and one.stands >= STANDS and one.rays >= settings.verdicts.least_rays:
+        stands = STANDS if verdict in (OCCLUDED, UNSCANNED) else WHOLLY
+        if one.stands >= stands and one.rays >= settings.verdicts.least_rays:
             verdict = PRESENT
         if verdict == PRESENT and abs(one.distance) - one.half > tolerance[row]:
             verdict = DISPLACED
