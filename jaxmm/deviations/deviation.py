@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxmm.deviations.fits import CUT, Fit, fit_of, fits_of_curved
 from jaxmm.deviations.meetings import Meetings, groups_of, meetings_of
-from jaxmm.deviations.pose_errors import PoseError, pose_errors, rows_of, scatter
+from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors, rows_of, scatter
 from jaxmm.deviations.shifted_columns import Shift, columns_of
 from jaxmm.deviations.tolerances import din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
@@ -76,6 +76,11 @@ def shifted(one: Deviation, shift: Shift) -> Deviation:
     )  # fmt: skip
 
 
+def is_told(one: Deviation) -> bool:
+    """Whether anything is known of its place; not where all that is off may be the pose."""
+    return any(both is not None for both in one.interval)
+
+
 class _Seen(NamedTuple):
     """One face of an element in one scan."""
 
@@ -88,6 +93,8 @@ def deviations_of(
     scene: TriangleScene, rays: list[ScanRays], trust: list[str], tolerance: np.ndarray
 ) -> dict[int, Deviation]:
     """The deviation of every element that some scan tells of, by its row.
+
+    Where the pose alone may be what is off, intervals are None along all axes: then its offset is as the pose has it.
 
     Args:
         scene: the model.
@@ -106,11 +113,10 @@ def deviations_of(
     sensors = [one.position for one in rays]
     low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
     area = _areas(scene)
-    told = {
+    return {
         row: _deviation(seen, poses, sensors, (low[row], high[row], float(area[row])), float(tolerance[row]))
         for row, seen in faces.items()
     }
-    return {row: one for row, one in told.items() if one is not None}
 
 
 def _fits(scene: TriangleScene, met: Meetings, slender: np.ndarray) -> list[tuple[Meetings, Fit]]:
@@ -151,19 +157,20 @@ def _deviation(
     sensors: list[np.ndarray],
     body: tuple[np.ndarray, np.ndarray, float],
     tolerance: float,
-) -> Deviation | None:
-    """Of one element; None where nothing fixes it along any direction."""
+) -> Deviation:
     low, high, area = body
     middle = (low + high) / 2.0
     likely = [one[0] for one in poses]
     best = _moved(seen, likely, sensors, middle)
     axes, fixed = _fixed(best.covariance[:3, :3])
-    if not fixed.any():
-        return None
+    told = bool(fixed.any())
+    if not told:  # whatever its pose, it stands about there: it is neither gone nor new
+        best = _moved(seen, [EXACTLY] * len(poses), sensors, middle)
+        axes, fixed = _fixed(best.covariance[:3, :3])
     # Other poses that explain a scan as well widen what is told.
     others = [
         _moved(seen, [*likely[:scan], other, *likely[scan + 1 :]], sensors, middle)
-        for scan in {one.scan for one in seen}
+        for scan in sorted({one.scan for one in seen})
         for other in poses[scan][1:]
     ]
     keep = axes[:, fixed] @ axes[:, fixed].T
@@ -185,7 +192,9 @@ def _deviation(
     din = din_of(distance, half, size, slope, float(high[2] - low[2]))
     return Deviation(
         tuple(float(value) for value in offset),
-        tuple(None if no else (float(a), float(b)) for no, (a, b) in zip(open_axis, spans[:3], strict=True)),
+        tuple(
+            None if no or not told else (float(a), float(b)) for no, (a, b) in zip(open_axis, spans[:3], strict=True)
+        ),
         distance, tuple(float(value) for value in direction), turn, lean, flatness,
         float(min(1.0, covered / max(area, 1e-9))), on,
         {"loa": loa_of(abs(distance) + flatness), "din18202": din},

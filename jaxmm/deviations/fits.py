@@ -123,7 +123,8 @@ def _shift_of_most(off: np.ndarray, flat: np.ndarray) -> np.ndarray | None:
     some = rng.permutation(near)[:TRIED]
     best = shifts[np.argmax(np.sum(np.abs(off[some] - shifts @ flat[some].T) < IN_PLACE / 2, axis=1))]
     on = np.abs(off - flat @ best) < IN_PLACE / 2
-    return on if on.sum() >= LEAST_RAYS else None
+    # As of a face: less than half of it is something that stands before it.
+    return on if on.sum() >= max(LEAST_RAYS, STANDS * np.sum(off < MOST_OFF)) else None
 
 
 def _is_wide(place: np.ndarray) -> bool:
@@ -161,8 +162,8 @@ def _plane_of_most(group: Meetings, place: np.ndarray) -> np.ndarray | None:
     best = planes[np.argmax(np.sum(np.abs(apart) < width, axis=1))]
     off = group.off - best[0] - place @ best[1:]
     on = np.abs(off) < width
-    # Nothing may be seen through what stands: it is the farthest of all that ends there.
-    if on.sum() < max(LEAST_RAYS, STANDS * np.sum(off < width)):
+    # Nothing may be seen through what stands; and what hides less than half of a face is furniture before it.
+    if on.sum() < max(LEAST_RAYS, STANDS * np.sum(off < width), STANDS * len(off) if best[0] > 0.0 else 0.0):
         return None
     return np.abs(off) < max(CUT * 1.4826 * float(np.median(np.abs(off[on]))), 2.0 * LEAST_SIGMA)
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jaxmm.deviations.deviation import Deviation, deviations_of, shifted
+from jaxmm.deviations.deviation import Deviation, deviations_of, is_told, shifted
 from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
 from jaxmm.deviations.shifted_columns import columns_of, shifts_of
 from jaxmm.deviations.tolerances import DeviationSettings
@@ -61,12 +61,13 @@ def as_built(prior: Prior, rays: list[ScanRays], placed: list[Placed], settings:
             one = shifted(again[row], shift) if row in again and again[row].stands >= STANDS else None
             if one is not None and np.linalg.norm(one.offset) <= limits.most + one.half:
                 found[row], moved[row] = one, _step(one)
-    return AsBuilt(_with_moved(prior, moved, found) if moved else prior, found)
+    now = _with_moved(prior, moved, found) if moved else prior
+    return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)})
 
 
 def _is_off(one: Deviation) -> bool:
-    """Whether an element surely stands, and surely not in its place."""
-    return one.stands >= STANDS and abs(one.distance) > max(LEAST_MOVED, one.half)
+    """Whether an element surely stands, and surely not in its place, as the pose has it."""
+    return one.stands >= STANDS and abs(one.distance) > max(LEAST_MOVED, one.half if is_told(one) else 0.0)
 
 
 def _step(one: Deviation) -> tuple[np.ndarray, np.ndarray]:
