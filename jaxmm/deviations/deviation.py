@@ -16,12 +16,11 @@ import numpy as np
 from jaxmm.deviations.fits import CUT, Fit, fit_of, fits_of_curved
 from jaxmm.deviations.meetings import Meetings, groups_of, meetings_of
 from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors, rows_of, scatter
-from jaxmm.deviations.shifted_columns import Shift, columns_of
+from jaxmm.deviations.shifted_columns import Shift, columns_of, part_of
 from jaxmm.deviations.tolerances import din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
 from warp_scanner.scenes.building import element_bounds
-from warp_scanner.sensors.scan import Rays
-from warp_scanner.sensors.triangles import TriangleScene, cast_triangles
+from warp_scanner.sensors.triangles import TriangleScene, clearance
 
 FREE = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)  # [m, rad] standard deviations of an element off its place, before it is seen
 FIXED = 0.05  # [m] of a direction of the shift, up to which faces fix it
@@ -132,16 +131,16 @@ def _fits(scene: TriangleScene, met: Meetings, slender: np.ndarray) -> list[tupl
 
 
 def _is_of_another(scene: TriangleScene, group: Meetings, fit: Fit) -> bool:
-    """Whether the rays end on what the model has behind the element: then it is gone, and not off its place."""
+    """Whether the rays end on something else of the model: then the element is gone, and not off its place."""
     if abs(fit.level) < ANOTHER:
         return False
-    some = np.flatnonzero(fit.on)[:: max(1, int(fit.on.sum()) // ASKED)]
-    there = np.ones(len(scene.triangles.semantic), bool)
-    there[group.element[0]] = False
-    way = ((group.end[some] - group.sensor) / group.reach[some, None]).astype(np.float32)
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
-    expected = cast_triangles(scene, Rays(group.sensor[None], way), there).distance[0]
-    return float(np.median(np.abs(expected - group.reach[some]))) < max(ANOTHER, CUT * fit.sigma)
+    ends = group.end[np.flatnonzero(fit.on)[:: max(1, int(fit.on.sum()) // ASKED)]].astype(np.float32)
+    reach = max(ANOTHER, CUT * fit.sigma)
+    low, high = element_bounds(scene.triangles)
+    near = np.all((high > ends.min(axis=0) - reach) & (low < ends.max(axis=0) + reach), axis=1)
+    near[group.element[0]] = False
+    others = part_of(scene.triangles, near[scene.triangles.element])
+    return others is not None and float(np.median(clearance(others, ends, 2.0 * reach))) < reach
 
 
 class _Moved(NamedTuple):

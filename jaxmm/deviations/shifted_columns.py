@@ -62,7 +62,7 @@ def _shift(
     about = about[thin_clouds([about], THIN)[0]]
     near = np.all((high > low[row] - 1.0) & (low < high[row] + 1.0), axis=1)
     near[row] = False
-    others, own = _part(triangles, near[triangles.element]), _part(triangles, triangles.element == row)
+    others, own = part_of(triangles, near[triangles.element]), part_of(triangles, triangles.element == row)
     if others is not None:
         about = about[clearance(others, about, 2.0 * EXPLAINED) > EXPLAINED]
     if own is None or len(about) < LEAST_POINTS:
@@ -84,7 +84,7 @@ def _shift(
     return Shift(np.array([*middle, 0.0]), np.ptp(good, axis=0) / 2.0 + STEP)
 
 
-def _part(triangles: Triangles, chosen: np.ndarray) -> TriangleScene | None:
+def part_of(triangles: Triangles, chosen: np.ndarray) -> TriangleScene | None:
     """Some of the triangles, (T,) bool; None of none."""
     if not chosen.any():
         return None
