@@ -70,6 +70,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.matrix
 	$(BIN)/python -m benchmarks.accuracy --out runs/accuracy
 	$(BIN)/python -m benchmarks.objects --out runs/objects
+	$(BIN)/python -m benchmarks.pillars --out runs/pillars.json
 	$(BIN)/python -m benchmarks.detections --out runs/detections
 	$(BIN)/python -m benchmarks.sensors --out runs/sensors
 	$(BIN)/python -m benchmarks.clouds --out runs/clouds

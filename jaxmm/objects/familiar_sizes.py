@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxmm.learning.upright_shapes import line_through
 from jaxmm.objects.candidates import Candidate
+from jaxmm.objects.sections import Section
 from jaxmm.objects.solids import SolidSettings
 from jaxmm.objects.walls import KnownBuilding, Solid
 
@@ -107,6 +108,23 @@ def by_width(share: np.ndarray, candidate: Candidate, known: KnownBuilding, sett
     if first.face is None or candidate.crossing is not None or first.face.length <= settings.widest_column:
         return share
     return _with_odds(share, share[1:] / [settings.seldom_wider, 1.0])
+
+
+def by_section(share: np.ndarray, section: Section | None, known: KnownBuilding, settings: SolidSettings) -> np.ndarray:
+    """The probabilities (3,) of nothing, a pillar and a wall, the last moved to the second of what is short for a wall.
+
+    All rays tell it, where they pass behind a face that may be the end of a wall.
+
+    Args:
+        share: (3,) as the judge has them.
+        section: that all rays show of it; None where they show none.
+        known: its own walls, which may be as short.
+        settings: how short no wall is.
+    """
+    shortest = min((float(max(one)) - settings.fits for one in known.short_walls), default=np.inf)
+    if section is None or section.most.max() >= min(shortest, settings.shortest_wall):
+        return share
+    return _with_odds(share, share[1:] * [settings.seldom_shorter, 1.0])
 
 
 def _likelier(sizes: tuple[tuple, ...], sides: int, settings: SolidSettings) -> float:

@@ -19,13 +19,14 @@ from jaxmm.objects.candidates import Candidate, candidates_of
 from jaxmm.objects.clues import CLUES, ONTO, Opinions, Surroundings, clues_of
 from jaxmm.objects.face_ends import Look, as_all_rays_show
 from jaxmm.objects.face_finish import Rays
-from jaxmm.objects.familiar_sizes import by_length, by_size, by_width
+from jaxmm.objects.familiar_sizes import by_length, by_section, by_size, by_width
 from jaxmm.objects.furniture_filter import upright
 from jaxmm.objects.judge import ObjectJudge, default_judge, judge_objects
 from jaxmm.objects.main_directions import grid_near, off_grid
 from jaxmm.objects.object_heights import levels_of
 from jaxmm.objects.patches import Sight, sensors_of
 from jaxmm.objects.pieces import pieces_of
+from jaxmm.objects.sections import Section, section_of
 from jaxmm.objects.solids import SolidSettings, solid_of, without_splinters
 from jaxmm.objects.usual_sizes import habits_around
 from jaxmm.objects.view_window import view_of
@@ -118,10 +119,10 @@ def find_objects(
     settings, known = settings or ObjectSettings(), known or KnownBuilding()
     sight, looks, candidates, clues = examine(judged, settings, known)
     share = judge_objects(judge or default_judge(), clues)
-    allowed = []
+    allowed, rays = [], judged.rays or ()
     for one, odds in zip(candidates, share, strict=True):
         shown = (one, as_all_rays_show(sight, looks, one, settings.tolerance))
-        solids = list(_solids(sight, shown, odds, settings, known))
+        solids = list(_solids(sight, rays, shown, odds, settings, known))
         allowed += _likeliest(solids, [allows is None or allows(_found(sight, solid, settings)) for solid in solids])
     found = [_found(sight, one, settings) for one in without_splinters(sight, allowed, settings)]
     return sorted(found, key=lambda one: (-one.box.probability, *one.box.center))
@@ -137,7 +138,12 @@ def _likeliest(solids: list[Solid], allowed: list[bool]) -> list[Solid]:
 
 
 def _solids(
-    sight: Sight, shown: tuple[Candidate, Candidate], share: np.ndarray, settings: ObjectSettings, known: KnownBuilding
+    sight: Sight,
+    rays: tuple[Rays, ...],
+    shown: tuple[Candidate, Candidate],
+    share: np.ndarray,
+    settings: ObjectSettings,
+    known: KnownBuilding,
 ) -> Iterator[Solid]:
     """A candidate as what it is likelier, then as the other: what the rays refuse as a pillar may be a thin wall.
 
@@ -147,10 +153,16 @@ def _solids(
     seen = sight.around(one.members)
 
     @functools.cache
+    def section() -> Section | None:
+        return section_of(rays, sight.points[one.members]) if rays else None
+
+    @functools.cache
     def made(is_wall: bool) -> Solid | None:
-        return solid_of(seen, one, is_wall, settings, known, thinned)
+        return solid_of(seen, one, is_wall, settings, known, thinned, None if is_wall else section())
 
     share = by_length(by_width(share, one, known, settings), sight.points[one.members, :2], known, settings)
+    if made(False) is not None:
+        share = by_section(share, section(), known, settings)
     if known.columns or known.short_walls:
         share = by_size(share, one, made(False), known, settings, lambda: _off_grid(seen, made(True), known))
     nothing, pillar, wall = share

@@ -11,6 +11,7 @@ from jaxmm.learning.upright_shapes import face_through, inside_hull, outside, re
 from jaxmm.objects.candidates import LEAST_SIDE, Candidate, CandidateSettings
 from jaxmm.objects.patches import Sight
 from jaxmm.objects.pieces import Piece
+from jaxmm.objects.sections import SURE, Section
 from jaxmm.objects.walls import KnownBuilding, Solid, continuations, ends_in_view, wall_behind, wall_end_on
 
 OUTLINED = 0.5  # share of the points of a section with recesses that lie outermost; of a face smeared by noise fewer
@@ -26,7 +27,10 @@ class SolidSettings(CandidateSettings):
     many_walls: int = 16  # from so many on, a building seems to have no other columns than it has
     widest_column: float = 0.95  # of a lone face, in such a building, if its own are at most half as wide
     seldom_wider: float = 100.0  # how many times seldomer it gets wider ones than the rooms that the judge learnt from
+    shortest_wall: float = 0.9  # but for short ones of the building; what all rays show to be shorter is a column
+    seldom_shorter: float = 100.0  # how many times seldomer a wall is so short than the judge knows
     longest_column: float = 2.5  # what is longer, its diagonal included, is a wall, but for columns of the building
+    section_fits: float = 0.02  # of a column's section beyond what all rays allow, to be that
     least_width: float = 0.15  # of a lone face that goes on unseen; less tells nothing of its shape
 
 
@@ -37,6 +41,7 @@ def solid_of(
     settings: SolidSettings,
     known: KnownBuilding,
     thinned: Candidate | None = None,
+    section: Section | None = None,
 ) -> Solid | None:
     """The wall or pillar of which a candidate is what one sees; None where that tells nothing of its shape.
 
@@ -48,10 +53,17 @@ def solid_of(
         known: sizes that the building has already.
         thinned: the same as its thinned points show it, by whose length a wall's side and its end are told apart; None:
             as it is.
+        section: that all rays show of it, as a pillar; None where they show none.
     """
-    first = candidate.first
     if is_wall:
         return _wall(sight, candidate, thinned or candidate, settings, known)
+    pillar = _pillar(sight, candidate, settings, known)
+    return pillar if section is None or pillar is None else _with_section(pillar, section, settings, known)
+
+
+def _pillar(sight: Sight, candidate: Candidate, settings: SolidSettings, known: KnownBuilding) -> Solid | None:
+    """The pillar that thinned points show."""
+    first = candidate.first
     if first.circle is not None:
         return _shaft(first, settings, known)
     if candidate.crossing is not None:
@@ -167,6 +179,44 @@ def _corner(sight: Sight, candidate: Candidate, settings: SolidSettings, known: 
     return Solid("pillar", "rectangular", center, _fitting(edges, settings, known), along, members, measured)
 
 
+def _with_section(pillar: Solid, section: Section, settings: SolidSettings, known: KnownBuilding) -> Solid:
+    """The same pillar with the section that all rays show, completed where they do not show it whole.
+
+    It is that of a column of the building which the rays allow, or else it is square, as far as they do.
+    """
+    if abs(section.along @ pillar.along) < np.sqrt(0.5):  # its first edge stays the first
+        section = section.turned
+    if not section.known.any():
+        return pillar
+    least, most = section.edges - settings.section_fits, section.most + settings.section_fits
+    edges = section.edges + np.where(section.room <= SURE, section.room / 2, 0.0).sum(axis=1)
+    own = [one for one in _sections(known) if np.all((one >= least) & (one <= most))]
+    if own:
+        edges = min(own, key=lambda one: float(np.abs(one - edges)[section.known].max()))
+    else:
+        square = np.minimum(np.maximum(edges[::-1], edges), np.maximum(section.most, edges))
+        edges = np.where(section.known, edges, np.minimum(square, np.maximum(edges, settings.wall_length)))
+        if edges.min() < min(settings.least_width, edges.max() / 2):  # rays pass behind a flange that is a part of it
+            return pillar
+    # What is more than is seen lies at the ends where the rays leave room for it.
+    unsure = np.where(section.room <= SURE, 0.0, 1.0)
+    share = np.where(section.known[:, None], section.room, unsure) + 1e-9
+    shift = (edges - section.edges) * (share[:, 1] - share[:, 0]) / share.sum(axis=1) / 2
+    axes = np.stack([section.along, [-section.along[1], section.along[0]]])
+    return pillar._replace(
+        shape="rectangular",
+        center=section.center + shift @ axes,
+        edges=edges,
+        along=section.along,
+        measured=tuple(section.known.tolist()),
+    )
+
+
+def _sections(known: KnownBuilding) -> list[np.ndarray]:
+    """The sections (2,) [m] of the building's columns, turned either way."""
+    return [np.array(turned) for a, b, is_round in known.columns if not is_round for turned in ((a, b), (b, a))]
+
+
 def _depth(width: float, settings: SolidSettings, known: KnownBuilding) -> float:
     """Depth [m] of a pillar of which one face is seen: square, unless its building has a column with such a face."""
     sections = [(a, b) for a, b, is_round in known.columns if not is_round]
@@ -178,6 +228,5 @@ def _depth(width: float, settings: SolidSettings, known: KnownBuilding) -> float
 
 def _fitting(edges: np.ndarray, settings: SolidSettings, known: KnownBuilding) -> np.ndarray:
     """The edges (2,) [m], or those of a known column that they fit."""
-    sections = [np.array(turned) for a, b, is_round in known.columns if not is_round for turned in ((a, b), (b, a))]
-    fitting = [section for section in sections if np.abs(section - edges).max() <= settings.fits]
+    fitting = [section for section in _sections(known) if np.abs(section - edges).max() <= settings.fits]
     return min(fitting, key=lambda section: np.abs(section - edges).max(), default=edges)

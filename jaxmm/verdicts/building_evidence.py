@@ -12,6 +12,7 @@ from jaxmm.rays.evidence import Frame, View, margins
 from jaxmm.rays.noise_model import Noise, noise_of, sigma_at
 from jaxmm.rays.pair_evidence import EVERY, FOOTPRINT, MOST_ANGLE
 from jaxmm.rays.scan_rays import ScanRays, frame_of_rays, measured_points
+from jaxmm.rays.tilted_ends import Met, tilted_ends
 from jaxmm.rays.views import Along, view_of_prior, view_of_robot
 from jaxmm.verdicts.floor_levels import levels_at, levels_of
 from jaxmm.verdicts.placement import Passed
@@ -36,6 +37,7 @@ class Hits(NamedTuple):
     distance: np.ndarray  # (P,) float32 [m], inf = nothing
     element: np.ndarray  # (P,) int32, -1
     cosine: np.ndarray  # (P,) float32 of the incidence, NaN = nothing
+    normal: np.ndarray  # (P, 3) float32 unit normals of the surfaces, toward either side; NaN = nothing
 
 
 class Sighting(NamedTuple):
@@ -55,8 +57,11 @@ def hits_of(scene: TriangleScene, position: np.ndarray, direction: np.ndarray) -
     """Cast rays from one place at all elements."""
     rays = Rays(np.asarray(position, np.float64)[None], direction)
     scan, face = cast_faces(scene, rays)
-    cosine = np.cos(incidence_of(face_normals(scene.triangles, face), rays))[0]
-    return Hits(scan.distance[0], scan.element[0], cosine)
+    normal = face_normals(scene.triangles, face)
+    cosine = np.cos(incidence_of(normal, rays))[0]
+    with np.errstate(invalid="ignore"):  # triangles without an area, which no ray meets
+        unit = normal[0] / np.linalg.norm(normal[0], axis=1, keepdims=True)
+    return Hits(scan.distance[0], scan.element[0], cosine, unit)
 
 
 def passes(distance: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -150,7 +155,13 @@ def _prior_view(
     unused = np.zeros(len(reach), np.float32)
     targets = Targets(direction, reach, angle, unused, unused, element)
     predicted = Predicted(expected.distance[None], expected.element[None], margin[None])
-    found = look(sort_directions(rays.direction), rays.distance[None], [targets], predicted)[0]
+    met = Met(
+        rays.distance, expected.distance, expected.element, expected.normal, margin, sigma_at(noise, expected.distance)
+    )
+    # What ends on another surface where the prior's should be stands before it, if but by a little.
+    tilted = tilted_ends(rays.direction, met)
+    distance = np.where(tilted, expected.distance - 2.0 * margin, rays.distance).astype(np.float32)
+    found = look(sort_directions(rays.direction), distance[None], [targets], predicted)[0]
     cosine = hits_of(scene, rays.position, direction).cosine
     own = margins(cosine, sigma_at(noise, reach))
     apart = nearest([points], [robot])[0].distance.astype(np.float32)

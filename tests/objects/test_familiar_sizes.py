@@ -37,9 +37,10 @@ def told(seen, known, judge=UNSURE):
     return found.box
 
 
-@pytest.mark.parametrize("yaw", [0.0, 20.0, 45.0])
-def test_what_is_as_slender_as_a_column_of_the_building_is_one(yaw):
-    seen = judged(pillar(2.5, 0.2, 0.3, yaw))
+@pytest.mark.parametrize("y", [0.0, 0.1, 0.2])
+def test_what_is_as_slender_as_a_column_of_the_building_is_one(y):
+    """Of whose depth nothing is known: it may be the end of a wall."""
+    seen = judged(pillar(2.5, y, 0.3))
     assert told(seen, KnownBuilding()).object_type == "wall"
     assert told(seen, COLUMNS).object_type == "pillar"
     assert told(seen, KnownBuilding(columns=((0.6, 0.6, False),))).object_type == "wall"

@@ -1,0 +1,222 @@
+"""The horizontal cross-section of a column, as all rays show it: a rectangle, and between which sizes it may be.
+
+The points that objects are fitted to are thinned to one a voxel of 0.1 m, and of a side at which one looks along few
+are left. All rays tell more: where they end on the column, and where they pass beside it. Each side of the section lies
+between both; where nothing passes, nobody knows how far on it lies. M rays, n ends. World frame: metres, z up. Plan: x
+and y.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from jaxmm.learning.upright_shapes import circle_through
+from jaxmm.objects.face_finish import Rays
+
+SEEN_AT = (0.1, 0.9)  # quantiles of the heights of a thing, between which rays are asked: its rims are no part of it
+NEAR = 0.12  # [m] in plan from a thinned point: what ends there is of the same thing
+WIDEST = 1.6  # [m] in plan: a thing that spans more is no column
+SLICE = 0.2  # [m] of height, in each of which one looks how far the thing reaches
+LEAST_ENDS = 20  # of rays on it, that tell a section
+LEAST_IN_SLICE = 3
+ANGLES, FINER = 30, 9  # directions tried over a quarter turn, then about the best, again and again
+FINEST = 2e-3  # [rad] between them, at last
+INSIDE = 0.05  # [m] from the outline: what is farther inside it counts no more, a web between flanges, say
+ON = 0.02  # [m] from the outline, within which an end lies on it
+LEAST_ON = 0.6  # share of the ends that lie on the outline
+AT_MOST = 800  # ends, for which directions are tried
+RIM = 0.005  # [m] from its sides: rays that pass as near tell nothing of the others
+LEAST_DEPTH = 0.05  # [m] along which one looks past a side, where nothing is seen of those beside it
+STRAYS = 2  # rays that pass where the thing is, and do not make it smaller
+SURE = 0.06  # [m] within which a side is known
+
+
+class Section(NamedTuple):
+    """A rectangle in plan, and how much larger it may be."""
+
+    center: np.ndarray  # (2,) [m]
+    along: np.ndarray  # (2,) unit vector along the first edge
+    edges: np.ndarray  # (2,) [m] as far as something is seen of it
+    room: np.ndarray  # (2, 2) [m] that it may go on: edge by edge, at its first end and at its second; inf: not known
+
+    @property
+    def most(self) -> np.ndarray:
+        """(2,) [m] the largest edges that the rays allow."""
+        return self.edges + self.room.sum(axis=1)
+
+    @property
+    def turned(self) -> "Section":
+        """The same rectangle, its other edge first."""
+        along = np.array([-self.along[1], self.along[0]])
+        return Section(self.center, along, self.edges[::-1], np.stack([self.room[1], self.room[0, ::-1]]))
+
+    @property
+    def known(self) -> np.ndarray:
+        """(2,) bool: edges both of whose ends are seen."""
+        return (self.room <= SURE).all(axis=1)
+
+
+class _Ends(NamedTuple):
+    """What ends on a thing, and what comes past."""
+
+    places: np.ndarray  # (n, 2) [m] where rays end on it
+    level: np.ndarray  # (n,) int slice of height, from 0
+    start: np.ndarray  # (M, 2) [m] of all rays that come near, at its heights
+    end: np.ndarray  # (M, 2) [m]
+
+
+def section_of(rays: Sequence[Rays], points: np.ndarray) -> Section | None:
+    """The section of a thing; None where rays end on no outline of a rectangle, or it is too large for a column.
+
+    Heights vote: a plinth, a head or a corbel, flush with a side or not, is at fewer of them than the shaft.
+
+    Args:
+        rays: all rays, scan by scan.
+        points: (n, 3) [m] of the thing, thinned.
+    """
+    places = points[:, :2]
+    if np.linalg.norm(np.ptp(places, axis=0)) > WIDEST:
+        return None
+    found = _ends_on(rays, points)
+    if len(found.places) < LEAST_ENDS:
+        return None
+    every = max(len(found.places) // AT_MOST, 1)
+    fewer = found._replace(places=found.places[::every], level=found.level[::every])
+    along = _along(fewer)
+    if along is None:
+        return None
+    axes = np.stack([along, [-along[1], along[0]]])
+    turned = found.places @ axes.T
+    low, high = _as_faces_lie(turned, *_sides(turned, found.level))
+    off = np.abs(_off(turned, low, high))
+    if np.mean(off <= ON) < LEAST_ON or _is_rounder(fewer.places, off):
+        return None
+    room = _room(found.start @ axes.T, found.end @ axes.T, low, high)
+    return Section((low + high) / 2 @ axes, along, high - low, room)
+
+
+def _is_rounder(places: np.ndarray, off: np.ndarray) -> bool:
+    """Whether places (n, 2) [m] lie on a circle better than others, or they, lie on an outline (m,) [m]."""
+    circle = circle_through(places, INSIDE)
+    if circle is None or circle.radius > WIDEST / 2:
+        return False
+    round_off = np.abs(np.linalg.norm(places - circle.center, axis=1) - circle.radius)
+    return bool(np.mean(np.minimum(round_off, INSIDE) ** 2) < np.mean(np.minimum(off, INSIDE) ** 2))
+
+
+def _ends_on(rays: Sequence[Rays], points: np.ndarray) -> _Ends:
+    low, high = np.quantile(points[:, 2], SEEN_AT)
+    middle, tree = points[:, :2].mean(axis=0), cKDTree(points[:, :2])
+    around = float(np.linalg.norm(points[:, :2] - middle, axis=1).max()) + WIDEST / 2
+    ends, levels, starts, stops = [], [], [], []
+    for one in rays:
+        origin = np.broadcast_to(one.origin, one.direction.shape)
+        offset = middle - origin[:, :2]
+        direction = one.direction[:, :2]
+        ahead = np.einsum("ij,ij->i", offset, direction)
+        beside = offset[:, 0] * direction[:, 1] - offset[:, 1] * direction[:, 0]
+        length = np.linalg.norm(direction, axis=1)
+        near = np.flatnonzero((ahead > 0.0) & (np.abs(beside) <= around * length) & np.isfinite(one.distance))
+        origin, direction = origin[near].astype(np.float64), one.direction[near].astype(np.float64)
+        reach = one.distance[near].astype(np.float64)
+        there = np.minimum(ahead[near] / np.maximum(length[near] ** 2, 1e-12), reach)
+        z = origin[:, 2] + there * direction[:, 2]
+        inside = (z >= low) & (z <= high)
+        origin, end = origin[inside], (origin + reach[:, None] * direction)[inside]
+        at = (end[:, 2] >= low) & (end[:, 2] <= high)
+        at[at] = tree.query(end[at, :2], distance_upper_bound=NEAR)[0] <= NEAR
+        ends.append(end[at, :2]), levels.append(np.floor((end[at, 2] - low) / SLICE).astype(int))
+        starts.append(origin[:, :2]), stops.append(end[:, :2])
+    return _Ends(*(np.concatenate(each) for each in (ends, levels, starts, stops)))
+
+
+def _along(found: _Ends) -> np.ndarray | None:
+    """Unit vector (2,) along a side of the rectangle on whose outline the ends lie best."""
+    best, angles = 0.0, np.linspace(0.0, np.pi / 2, ANGLES, endpoint=False)
+    step = np.pi / 2 / ANGLES
+    while True:
+        misfit = [_misfit(found, angle) for angle in angles]
+        best = float(angles[int(np.argmin(misfit))])
+        if not np.isfinite(np.min(misfit)):
+            return None
+        if step < FINEST:
+            return np.array([np.cos(best), np.sin(best)])
+        angles = best + step * np.linspace(-1.0, 1.0, FINER)
+        step *= 2.0 / (FINER - 1)
+
+
+def _misfit(found: _Ends, angle: float) -> float:
+    along = np.array([np.cos(angle), np.sin(angle)])
+    turned = found.places @ np.stack([along, [-along[1], along[0]]]).T
+    low, high = _sides(turned, found.level)
+    return float(np.mean(np.minimum(np.abs(_off(turned, low, high)), INSIDE) ** 2))  # NaN where no height tells
+
+
+def _sides(turned: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest coordinates (2,) of most heights; NaN where no height has ends enough."""
+    order = np.argsort(level, kind="stable")
+    _, first, count = np.unique(level[order], return_index=True, return_counts=True)
+    told = count >= LEAST_IN_SLICE
+    if not told.any():
+        return np.full(2, np.nan), np.full(2, np.nan)
+    turned = turned[order]
+    low, high = np.minimum.reduceat(turned, first), np.maximum.reduceat(turned, first)
+    return np.median(low[told], axis=0), np.median(high[told], axis=0)
+
+
+def _off(turned: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """How far (n,) [m] places are from the outline of a rectangle; negative inside."""
+    beyond = np.maximum(low - turned, turned - high)  # (n, 2), negative inside
+    outer = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    return np.where(outer > 0.0, outer, beyond.max(axis=1))
+
+
+def _as_faces_lie(turned: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The sides, moved to the middle of the ends that lie on them: the outermost ones err outward."""
+    low, high = low.copy(), high.copy()
+    for axis in range(2):
+        other = turned[:, 1 - axis]
+        within = (other > low[1 - axis] + ON) & (other < high[1 - axis] - ON)
+        reach = min(INSIDE, (high[axis] - low[axis]) / 3)
+        for sides in (low, high):
+            on = within & (np.abs(turned[:, axis] - sides[axis]) <= reach)
+            if on.sum() >= LEAST_ENDS:
+                sides[axis] = np.median(turned[on, axis])
+    return low, high
+
+
+def _room(start: np.ndarray, end: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """How far (2, 2) [m] beyond each side the first rays pass, axis by axis, below and above; inf where none does."""
+    room = np.full((2, 2), np.inf)
+    for axis in range(2):
+        other = 1 - axis
+        bottom, top = low[other] + RIM, high[other] - RIM
+        if top - bottom < LEAST_DEPTH:  # of one face alone what is behind it counts: all rays to it pass before it
+            behind = np.sign(low[other] + high[other] - 2.0 * np.median(start[:, other]))
+            bottom, top = np.sort((low[other] + high[other]) / 2 + behind * np.array([2.0 * RIM, LEAST_DEPTH]))
+        first, last = _within(start, end, other, bottom, top)
+        crosses = first < last
+        way = end[crosses, axis] - start[crosses, axis]
+        ends = start[crosses, axis, None] + np.stack([first, last], axis=1)[crosses] * way[:, None]
+        below, above = low[axis] - ends, ends - high[axis]  # (m, 2) [m]
+        room[axis] = _next(below), _next(above)
+    return room
+
+
+def _next(beyond: np.ndarray) -> float:
+    """How far [m] beyond a side the first rays pass, but for strays; they are beyond it (m, 2) [m] all of that way."""
+    nearest, farthest = beyond.min(axis=1), beyond.max(axis=1)
+    passing = np.sort(nearest[(nearest > -RIM) & (farthest > 2.0 * RIM)])
+    return max(float(passing[STRAYS]), 0.0) if len(passing) > STRAYS else np.inf
+
+
+def _within(start: np.ndarray, end: np.ndarray, axis: int, bottom: float, top: float) -> tuple[np.ndarray, np.ndarray]:
+    """Between which parts (M,) of their way rays have a coordinate between two values; where they never do, 1 and 0."""
+    begin, way = start[:, axis], end[:, axis] - start[:, axis]
+    way = np.where(np.abs(way) < 1e-9, 1e-9, way)
+    parts = np.sort(np.stack([bottom - begin, top - begin]) / way, axis=0)
+    first, last = np.maximum(parts[0], 0.0), np.minimum(parts[1], 1.0)
+    never = first >= last
+    return np.where(never, 1.0, first), np.where(never, 0.0, last)
