@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.deviations.fits import CUT, Fit, fit_of, fits_of_curved
+from jaxmm.deviations.fits import CELL, CUT, Fit, cells_of, fit_of, fits_of_curved
 from jaxmm.deviations.meetings import Meetings, groups_of, meetings_of
 from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors, rows_of, scatter
 from jaxmm.deviations.shifted_columns import Shift, columns_of, part_of
@@ -26,7 +26,6 @@ FREE = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)  # [m, rad] standard deviations of an elem
 FIXED = 0.05  # [m] of a direction of the shift, up to which faces fix it
 FIXED_TURN = np.radians(0.5)  # of a turn
 NORMAL = 1.96  # standard deviations to either side hold 95 %
-CELL = 0.1  # [m] of a face, that is seen or not
 ROUND = 4  # ways that faces of a slender body look, that one place shows: no box has so many
 ANOTHER, ASKED = 0.015, 200  # [m] off its place, from which a face may be another's; and rays that are asked
 Interval = tuple[float, float]
@@ -123,9 +122,10 @@ def _fits(scene: TriangleScene, met: Meetings, slender: np.ndarray) -> list[tupl
     groups = [met.of(part) for part in groups_of(met)]
     ways = np.bincount([int(group.element[0]) for group in groups], minlength=len(scene.triangles.semantic))
     rounds = np.isin(np.arange(len(ways)), slender) & (ways >= ROUND)
-    found = [(group, fit_of(group)) for group in groups if not rounds[group.element[0]]]
+    flat = [group.thinned() for group in groups if not rounds[group.element[0]]]
+    found = [(group, fit_of(group)) for group in flat]
     for row in np.flatnonzero(rounds):
-        body = met.of(met.element == row)
+        body = met.of(met.element == row).thinned()
         found += [(body, fit) for fit in fits_of_curved(body)]
     return [(group, fit) for group, fit in found if fit is not None and not _is_of_another(scene, group, fit)]
 
@@ -174,7 +174,7 @@ def _deviation(
     ]
     keep = axes[:, fixed] @ axes[:, fixed].T
     offset = keep @ best.step[:3]
-    normals = sum(np.outer(one.fit.normal, one.fit.normal) * one.fit.on.sum() for one in seen)
+    normals = sum(np.outer(one.fit.normal, one.fit.normal) * one.fit.rays for one in seen)
     direction = _toward(np.linalg.eigh(keep @ normals @ keep)[1][:, -1], seen)
     ways = [*np.eye(3), direction]
     spans = [_span(way, keep, [best, *others]) for way in ways]
@@ -184,7 +184,7 @@ def _deviation(
     flatness, covered = _surface(seen, likely, sensors, tolerance)
     half = (spans[3][1] - spans[3][0]) / 2.0
     distance = float(offset @ direction)
-    on = sum(int(one.fit.on.sum()) for one in seen)
+    on = sum(one.fit.rays for one in seen)
     could = on + sum(one.fit.through for one in seen)
     size = float(np.max((high - low)[:2]))
     slope = None if lean is None else float(np.tan(np.radians(lean)))
@@ -230,7 +230,7 @@ def _fixed(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _toward(axis: np.ndarray, seen: list[_Seen]) -> np.ndarray:
     """An axis with the sign that looks toward the sensors."""
-    looks = sum(float(one.fit.normal @ axis) * one.fit.on.sum() for one in seen)
+    looks = sum(float(one.fit.normal @ axis) * one.fit.rays for one in seen)
     return axis if looks >= 0.0 else -axis
 
 
@@ -264,21 +264,15 @@ def _surface(
     apart, cells = [], []
     for one in seen:
         fit, on = one.fit, one.fit.on
-        place = one.rays.end[on] @ fit.axes.T
-        middle = fit.middle @ fit.axes.T
-        off = one.rays.off[on]
-        left = off - fit.level - (place - middle) @ fit.slope
-        where = np.floor(place / CELL).astype(np.int64)
-        cell, number, count = np.unique(where, axis=0, return_inverse=True, return_counts=True)
-        number = number.ravel()
-        apart.append(np.abs(np.bincount(number, left) / count))
-        arms = one.rays.end[on] - sensors[one.scan]
+        ends = one.rays.end[on]
+        cell, number, count = np.unique(cells_of(ends @ fit.axes.T), return_inverse=True, return_counts=True)
+        apart.append(np.abs(np.bincount(number, fit.left[on]) / count))
         step = poses[one.scan].correction
-        moved = off + (step[:3] + np.cross(step[3:], arms)) @ fit.normal
-        within = np.abs(np.bincount(number, moved) / count) <= tolerance
-        side = np.full(within.sum(), int(one.rays.group[0]))
-        cells.append(np.column_stack([side, cell[within]]))
-    return float(np.percentile(np.concatenate(apart), 95.0)), len(np.unique(np.concatenate(cells), axis=0)) * CELL**2
+        off = one.rays.off[on] + (step[:3] + np.cross(step[3:], ends - sensors[one.scan])) @ fit.normal
+        within = np.abs(np.bincount(number, off) / count) <= tolerance
+        cells.append(np.column_stack([np.full(within.sum(), one.rays.group[0]), cell[within]]))
+    covered = len(np.unique(np.concatenate(cells), axis=0)) * CELL**2
+    return float(np.percentile(np.concatenate(apart), 95.0)), covered
 
 
 def _areas(scene: TriangleScene) -> np.ndarray:

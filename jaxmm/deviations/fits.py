@@ -42,8 +42,14 @@ class Fit(NamedTuple):
     sigma: float  # [m] of the rays about it
     extent: np.ndarray  # (2,) [m] standard deviation of what is seen along the axes
     on: np.ndarray  # (K,) bool: rays that end on it
+    left: np.ndarray  # (K,) [m] of all rays off it
     through: int  # rays that end clearly behind it
-    before: int  # rays that end before it
+    every: int  # rays that each of these stands for
+
+    @property
+    def rays(self) -> int:
+        """How many end on it."""
+        return int(self.on.sum()) * self.every
 
 
 def fit_of(group: Meetings) -> Fit | None:
@@ -89,11 +95,11 @@ def fits_of_curved(body: Meetings) -> list[Fit]:
         if np.array_equal(new, on):
             break
         on = new
-    cells = len(np.unique(np.floor(body.end[on] / CELL).astype(np.int64), axis=0))
+    cells = count_cells(body.end[on])
     worth = max(4.0, min(float(cells), float(on.sum()))) / on.sum()
     square, ways = np.linalg.eigh(flat[on].T @ flat[on] * worth)
     middle = body.end[on].mean(axis=0)
-    through, before = int(np.sum(left < -width)), int(np.sum(left > width))
+    through = int(np.sum(left < -width)) * body.every
     found = []
     for told, way in zip(square, ways.T, strict=True):
         if told < LEAST_TOLD * square[-1]:
@@ -103,7 +109,7 @@ def fits_of_curved(body: Meetings) -> list[Fit]:
         variance = np.diag([sigma**2 / told, *np.full(2, MOST_SLOPE**2)])
         found.append(Fit(
             middle, normal, axes, float(np.array([*shift, 0.0]) @ normal), np.zeros(2), variance, sigma,
-            (body.end[on] @ axes.T).std(axis=0), on, through, before,
+            (body.end[on] @ axes.T).std(axis=0), on, left, through, body.every,
         ))  # fmt: skip
     return found
 
@@ -186,14 +192,25 @@ def _fitted(group: Meetings, place: np.ndarray, frame: tuple[np.ndarray, np.ndar
             break
         on = new
     # Neighbours err alike: a cell counts as one.
-    cells = len(np.unique(np.floor(place[on] / CELL).astype(np.int64), axis=0))
+    cells = count_cells(place[on])
     worth = max(4.0, min(float(cells), float(on.sum())))
     rows = np.column_stack([np.ones(on.sum()), place[on] - middle])
     told = rows.T @ rows * (worth / on.sum())
     scale = np.diag([0.0, *(1.0 / np.square(np.full(2, MOST_SLOPE)))]) * sigma**2
     variance = np.linalg.inv(told + scale) * sigma**2
-    behind = left < -max(width, IN_PLACE)
+    behind = int(np.sum(left < -max(width, IN_PLACE)))
     return Fit(
-        group.end[on].mean(axis=0), normal, axes, float(found[0]), found[1:], variance, sigma,
-        place[on].std(axis=0), on, int(behind.sum()), int(np.sum(left > max(width, IN_PLACE))),
+        group.end[on].mean(axis=0), normal, axes, float(found[0]), found[1:], variance, sigma, place[on].std(axis=0),
+        on, left, behind * group.every, group.every,
     )  # fmt: skip
+
+
+def count_cells(places: np.ndarray) -> int:
+    """How many cells of CELL hold places (n, 2 or 3) [m]."""
+    return len(np.unique(cells_of(places)))
+
+
+def cells_of(places: np.ndarray) -> np.ndarray:
+    """(n,) int64 the cell of each place (n, 2 or 3) [m]; of such within a kilometre of another no two share one."""
+    where = np.floor(places / CELL).astype(np.int64)
+    return where @ (np.int64(1) << np.array([42, 21, 0])[3 - places.shape[1] :])

@@ -19,6 +19,7 @@ from warp_scanner.sensors.triangles import TriangleScene, cast_faces, face_norma
 MOST_OFF = 0.45  # [m] off a face, beyond which a ray does not tell where it stands
 LEAST_COSINE = 0.15  # of the incidence: flatter rays end anywhere
 WAYS = 24  # of normals in plan, that are told apart
+MOST = 5000  # rays that tell of one face
 STEEP = 0.7  # a normal that rises by more is of a floor, or a ceiling
 
 
@@ -32,10 +33,16 @@ class Meetings(NamedTuple):
     off: np.ndarray  # (K,) float64 [m] off the face: before it positive, behind it negative
     reach: np.ndarray  # (K,) float64 [m] from the sensor
     sensor: np.ndarray  # (3,) float64 [m]
+    every: int = 1  # rays that each stands for, of a group of many
 
-    def of(self, chosen: np.ndarray) -> "Meetings":
-        """Some of them, a mask or places (k,)."""
-        return Meetings(*(field[chosen] for field in self[:-1]), self.sensor)
+    def of(self, chosen: np.ndarray | slice) -> "Meetings":
+        """Some of them: a mask, places (k,), or a slice."""
+        return Meetings(*(field[chosen] for field in self[:-2]), self.sensor, self.every)
+
+    def thinned(self) -> "Meetings":
+        """At most MOST of them: more tell a face no better, for neighbours err alike."""
+        every = -(-len(self.off) // MOST)
+        return self if every <= 1 else self.of(slice(None, None, every))._replace(every=every)
 
 
 def meetings_of(scene: TriangleScene, rays: ScanRays) -> Meetings:

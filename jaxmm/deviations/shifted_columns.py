@@ -17,6 +17,7 @@ from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare
 
 WIDEST, LOWEST = 1.2, 1.0  # [m] edges in plan of what may be a column, at most, and its height, at least
 STEP, CLOSE = 0.02, 0.015  # [m] between shifts that are tried, and off the surface
+COARSE = 0.5  # [m] to which they are thinned to see which columns are about
 THIN = 0.03  # [m] to which points are thinned
 EXPLAINED = 0.02  # [m] from the surface of something else, within which a point is of that
 ENDS = 0.1  # [m] at foot and head that are left out: floors and ceilings are there
@@ -46,7 +47,9 @@ def shifts_of(scene: TriangleScene, rays: list[ScanRays], rows: np.ndarray, most
         return {}
     low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
     points = np.concatenate([measured_points(one) for one in rays])
-    found = {int(row): _shift(scene.triangles, points, (low, high), int(row), most) for row in rows}
+    coarse, reach = points[thin_clouds([points], COARSE)[0]], most + AROUND + COARSE
+    near = [row for row in rows if np.any(np.all((coarse > low[row] - reach) & (coarse < high[row] + reach), axis=1))]
+    found = {int(row): _shift(scene.triangles, points, (low, high), int(row), most) for row in near}
     return {row: one for row, one in found.items() if one is not None}
 
 
