@@ -65,6 +65,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.detect
 	$(BIN)/python -m benchmarks.latency
 	$(BIN)/python -m benchmarks.poses
+	$(BIN)/python -m benchmarks.deviations
 	$(BIN)/python -m benchmarks.mirrors
 	$(BIN)/python -m benchmarks.pose_search
 	$(BIN)/python -m benchmarks.matrix

@@ -12,6 +12,8 @@ points of the element's own faces; both are of points within 0.4 m. Prints Markd
 """
 
 import logging
+import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -268,8 +270,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED, metavar="N")
     parser.add_json()
     asked = parser.parse_args()
-    for why in filter(None, [peers.why_missing("py4dgeo")]):
-        print(why)
+    if why := peers.why_missing("py4dgeo"):
+        print(why, file=sys.stderr)
     judges, rows = read_judges(DEFAULT), []
     columns = ("views", "refused", "doubted", "moved", "measured", "median error [mm]", "of what stands still [mm]",
                "held", "median half interval [mm]", "C2M [mm]", "M3C2 [mm]", "moved, told removed or hidden",
@@ -290,15 +292,28 @@ def main() -> None:
                     rng = np.random.default_rng(asked.seed)
                     told = [told_of(case, judges, most, rng) for case in cases]
                     label = f"{where}, {sensor}, {'furniture' if furnished else 'clean'}, pose {name}"
-                    rows.append(row_of(label, told))
-                    print(_line(rows[-1]), flush=True)
+                    row = row_of(label, told)
+                    print(_line(row), flush=True)
+                    if row["measured"] and math.isfinite(row["C2M"]):
+                        rows.append(_told_row(row))
     if asked.json:
         write_report(asked.json, rows)
 
 
+def _told_row(row: dict[str, Any]) -> dict[str, Any]:
+    """What is known of it, beside the peer."""
+    least = 1e-4  # [m] of either, so that the ratio is finite
+    known = {name: value for name, value in row.items() if not isinstance(value, float) or math.isfinite(value)}
+    ratio = (row["C2M"] + least) / (row["ours"] + least)
+    return known | {"peer": row["C2M"], "peer_name": "cloud to mesh", "unit": "m", "ratio": ratio}
+
+
 def _line(row: dict[str, Any]) -> str:
-    mm = {name: f"{1000 * row[name]:.1f}" for name in ("ours", "still", "half", "C2M", "M3C2")}
-    shares = {name: f"{row[name]:.3f}" for name in ("held", "gone", "falsely displaced")}
+    def text(value: float, digits: int) -> str:
+        return f"{value:.{digits}f}" if math.isfinite(value) else "-"
+
+    mm = {name: text(1000.0 * row[name], 1) for name in ("ours", "still", "half", "C2M", "M3C2")}
+    shares = {name: text(row[name], 3) for name in ("held", "gone", "falsely displaced")}
     names = (
         "case", "views", "refused", "doubted", "moved", "measured", "ours", "still", "held", "half", "C2M", "M3C2",
         "gone", "falsely displaced", "new", "removed",
