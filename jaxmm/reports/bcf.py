@@ -6,7 +6,6 @@ Coordinates are those of the prior: metres, z up, at full precision.
 """
 
 import uuid
-import zipfile
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,6 +13,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from jaxmm.files import write_atomically
+from jaxmm.reports.archives import write_zip
 from jaxmm.reports.bcf_topics import (
     LABELS,
     PRIORITIES,
@@ -31,8 +31,6 @@ from jaxmm.verdicts.results import Detection, PriorFile
 TOPIC_TYPE = "Mismatch"
 STATUSES = ("Open", "In Progress", "Closed")  # ours are open; the others are for whoever works on them
 AUTHOR = "jaxmm"
-
-_FIRST_DAY = (1980, 1, 1, 0, 0, 0)  # the earliest that zip knows: the same topics give the same bytes
 
 
 def write_bcf(path: Path, detection: Detection, project: str = "jaxmm", when: datetime | None = None) -> None:
@@ -64,7 +62,7 @@ def write_bcf(path: Path, detection: Detection, project: str = "jaxmm", when: da
         files[f"{topic.guid}/markup.bcf"] = _xml(_markup(topic, number, when, detection.prior))
         files[f"{topic.guid}/viewpoint.bcfv"] = _xml(_viewpoint(topic))
         files[f"{topic.guid}/snapshot.png"] = snapshot(detection.drawing, topic.mismatch, topic.camera)
-    write_atomically(Path(path), lambda temporary: _write_zip(temporary, files))
+    write_atomically(Path(path), lambda temporary: write_zip(temporary, files))
 
 
 def _project(name: str) -> Element:
@@ -166,14 +164,3 @@ def _add_vector(parent: Element, tag: str, vector: Iterable[float]) -> None:
 def _xml(root: Element) -> bytes:
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
-
-
-def _write_zip(path: Path, files: dict[str, bytes]) -> None:
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, content in files.items():
-            entry = zipfile.ZipInfo(name, _FIRST_DAY)
-            entry.create_system = 3  # the same bytes from every system
-            folder = name.endswith("/")
-            entry.external_attr = (0o40755 << 16) | 0x10 if folder else 0o100644 << 16
-            entry.compress_type = zipfile.ZIP_STORED if folder else zipfile.ZIP_DEFLATED
-            archive.writestr(entry, content)
