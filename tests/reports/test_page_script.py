@@ -68,11 +68,13 @@ def test_colours_go_both_ways_from_none_and_end_with_the_scale():
 
 
 def test_an_arrow_is_as_many_times_as_long_as_the_legend_says():
-    times, strokes = evaluated("[ARROW_TIMES, arrowStrokes([1, 2, 3], [0.03, 0, -0.04])]")
+    strokes = evaluated("arrowStrokes([1, 2, 3], [0.03, 0, -0.04], 20)")
     (start, tip), *heads = np.array(strokes)
-    np.testing.assert_allclose(tip - start, times * np.array([0.03, 0.0, -0.04]))
+    np.testing.assert_allclose(tip - start, 20 * np.array([0.03, 0.0, -0.04]))
+    rows = "[[], [{ offset: [0, 0.06, 0] }], [{ offset: [0.3, 0.3, 0] }]]"
+    assert evaluated(f"{rows}.map(arrowTimes)") == [50, 20, 5]
     assert len(heads) == 2 and all(np.allclose(stroke[0], tip) for stroke in heads)
-    assert evaluated("arrowStrokes([1, 2, 3], [0, 0, 0])") == []
+    assert evaluated("arrowStrokes([1, 2, 3], [0, 0, 0], 20)") == []
 
 
 LISTED = """

@@ -125,7 +125,7 @@ function layerWords(layer) {
     prior: `model points (${prior})`,
     robot: `robot points (${robot})`,
     boxes: `boxes of mismatches (${count(report.mismatches.length)})`,
-    arrows: `arrows of displaced elements (${count(displacedElements.length)}), ${ARROW_TIMES} times as long`,
+    arrows: `arrows of displaced elements (${count(displacedElements.length)}), ${arrowsLong} times as long`,
     frustum: "sensors and their fields of view",
     ceiling: "ceiling and other storeys",
   }[layer];

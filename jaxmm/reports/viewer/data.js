@@ -28,6 +28,7 @@ const offOfGuid = new Map(report.elements.map((one, index) => [one.guid, data.de
 const displacedElements = report.elements
   .filter((one) => one.verdict === "displaced" && offOfGuid.get(one.guid))
   .sort((a, b) => surelyOff(offOfGuid.get(b.guid)) - surelyOff(offOfGuid.get(a.guid)));
+const arrowsLong = arrowTimes(displacedElements.map((one) => offOfGuid.get(one.guid))); // times the offsets
 const mismatchOfGuid = new Map();
 report.mismatches.forEach((one, index) => {
   if (one.element !== null) mismatchOfGuid.set(one.element, index);

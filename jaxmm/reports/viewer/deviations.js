@@ -1,7 +1,8 @@
 // How far off their places elements stand: what to colour, to count and to point at. Nothing here knows the document.
 
 const OFF_RAMP = ["#8c510a", "#e2e4e6", "#01665e"]; // away from the scanner, in place, toward it: ColorBrewer's BrBG
-const ARROW_TIMES = 20; // as long as the offsets are arrows drawn
+const ARROW_TIMES = [50, 20, 10, 5]; // as long as the offsets arrows may be drawn
+const LONGEST_ARROW = 1.5; // [m]
 const OFF_STEPS = [0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5]; // [m] that a scale may end at
 
 /** How far off its place an element is at least [m], and whether that is beyond a tolerance [m]. */
@@ -39,11 +40,17 @@ function offLook(one, tolerance, scale) {
   return { tint: offTint(one.distance, scale), fill: isBeyond(one, tolerance) ? 0.6 : 0.22 };
 }
 
-/** Pairs of ends of an arrow from a place along an offset [m], ARROW_TIMES as long; none where it is no offset. */
-function arrowStrokes(place, offset) {
-  const long = ARROW_TIMES * Math.hypot(...offset);
+/** How many times as long as these offsets their arrows are: the most that keeps them bearable. */
+function arrowTimes(rows) {
+  const longest = Math.max(0, ...rows.map((one) => Math.hypot(...one.offset)));
+  return ARROW_TIMES.find((times) => times * longest <= LONGEST_ARROW) ?? ARROW_TIMES[ARROW_TIMES.length - 1];
+}
+
+/** Pairs of ends of an arrow from a place along an offset [m], so many times as long; none where it is no offset. */
+function arrowStrokes(place, offset, times) {
+  const long = times * Math.hypot(...offset);
   if (!(long > 0)) return [];
-  const along = offset.map((value) => (ARROW_TIMES * value) / long);
+  const along = offset.map((value) => (times * value) / long);
   const side = Math.abs(along[2]) < 0.9 ? [-along[1], along[0], 0] : [1, 0, 0];
   const at = (back, aside) => place.map((value, axis) =>
     value + (long - back) * along[axis] + aside * side[axis]);

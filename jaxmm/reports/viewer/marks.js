@@ -76,7 +76,7 @@ function arrowOf(guid, bounds) {
   const [element, off] = [indexOfGuid.get(guid), offOfGuid.get(guid)];
   if (!off || element === undefined || !Number.isFinite(bounds[6 * element])) return [];
   const middle = [0, 1, 2].map((axis) => (bounds[6 * element + axis] + bounds[6 * element + 3 + axis]) / 2);
-  return arrowStrokes(middle, off.offset);
+  return arrowStrokes(middle, off.offset, arrowsLong);
 }
 
 /** Unit vector of a pose: yaw counter-clockwise from x, pitch up [deg]. */
