@@ -32,7 +32,7 @@ from jaxmm.reports.figures import (
 from jaxmm.reports.markdown import percent, told_size
 from jaxmm.reports.plan_cut import cut_surfaces
 from jaxmm.reports.plan_levels import CUT, Level, base_of, footprint, level_of_mismatches, levels_of, region_of
-from jaxmm.reports.plan_offsets import DARK_ORANGE, draw_offsets, offset_entries
+from jaxmm.reports.plan_offsets import DARK_ORANGE, arrows_of, draw_offsets, offset_entries, with_room
 from jaxmm.verdicts.results import Detection, Mismatch, Pose
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
@@ -75,10 +75,13 @@ def plan_figure(detection: Detection, path: Path | str) -> Figure:
 def draw_plan(detection: Detection) -> Figure:
     """The same, only drawn."""
     levels = levels_of(detection)[:MOST_LEVELS]
-    bounds = [region_of(detection, level) for level in levels]
+    worst, bounds, arrows = displaced(detection.elements), [], []
+    for level in levels:
+        limits = region_of(detection, level)
+        arrows.append(arrows_of(detection.drawing, worst, level, limits))
+        bounds.append(with_room(limits, arrows[-1]))
     sizes = [_inches(high - low) for low, high in bounds]
     widest = LEFT + max(width for width, _ in sizes)
-    worst = displaced(detection.elements)
     found = [*_mismatch_entries(detection.mismatches), *offset_entries(worst)]
     lines = MOST_SIGNS + sum(entry.get_label().count("\n") + 1 for entry in found)
     tall = sum(height + ROOM_FOR_LABELS for _, height in sizes)
@@ -90,7 +93,7 @@ def draw_plan(detection: Detection) -> Figure:
         axes = figure.add_axes((LEFT / total[0], (top + 0.55) / total[1], width / total[0], height / total[1]))
         shown = [(n, one) for n, one in enumerate(detection.mismatches, 1) if nearest[n - 1] == index]
         told = _draw_level(axes, detection, level, limits, shown)
-        told += draw_offsets(axes, detection.drawing, worst, level, limits)
+        told += draw_offsets(axes, detection.drawing, arrows[index])
         entries |= {entry.get_label(): entry for entry in told}
     handles = [*entries.values(), *found]
     place = ((widest + 0.15) / total[0], 1.0 - 0.5 / total[1])

@@ -7,6 +7,7 @@ import functools
 import textwrap
 from collections.abc import Sequence
 from string import ascii_uppercase
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,48 +23,68 @@ from jaxmm.verdicts.results import Drawing, ElementVerdict
 DARK_ORANGE = "#B36B00"  # of displaced elements: orange, dark enough for lines
 ARROW_TIMES = (50, 20, 10, 5)  # as long as the offsets arrows may be drawn
 LONGEST_ARROW = 1.5  # [m] on the plan
+BEYOND = 0.6  # [m] about the tips of arrows that the plan leaves free
 MOST_WORST = 10  # that get a letter, and a line in the table
 LEAST_DRAWN = 0.001  # [m] of an offset in plan: a slab that is too high has no arrow there
 MISSING = "\u25a1"  # for what the font cannot show
 _LONGEST_NAME, _LINE = 26, 42  # characters of a name, and of a line in the table
 
 
-def draw_offsets(
-    axes: Axes, drawing: Drawing, worst: Sequence[ElementVerdict], level: Level, limits: tuple[np.ndarray, np.ndarray]
-) -> list[Line2D]:
-    """Draw the arrows of the displaced elements that the cut of a storey meets; returns what its legend needs.
+class Arrow(NamedTuple):
+    """An offset, as it is drawn."""
+
+    number: int  # of the element, of the worst first
+    tail: np.ndarray  # (2,) [m]
+    tip: np.ndarray  # (2,) [m]
+    times: int  # as long as the offset
+
+
+def arrows_of(
+    drawing: Drawing, worst: Sequence[ElementVerdict], level: Level, limits: tuple[np.ndarray, np.ndarray]
+) -> list[Arrow]:
+    """The arrows of the displaced elements that the cut of a storey meets.
 
     Args:
-        axes: of the plan.
         drawing: the prior's surface.
-        worst: displaced elements, the worst first: the first MOST_WORST get letters.
+        worst: displaced elements, the worst first.
         level: the storey.
         limits: lower and upper corner (2,) [m] of the plan: arrows of what reaches beyond begin within.
     """
     if drawing.faces is None:
         return []
-    shift = (drawing.origin - base_of(drawing))[:2]
-    row_of, height, drawn = {guid: row for row, guid in enumerate(drawing.guid)}, level.floor + CUT, False
+    row_of, height, found = {guid: row for row, guid in enumerate(drawing.guid)}, level.floor + CUT, []
     times = arrow_times(worst)
     for number, one in enumerate(worst):
         used = drawing.faces[drawing.face_element == row_of.get(one.guid, -1)]
         offset = np.asarray(one.deviation.offset[:2], np.float64)
-        if not len(used) or not np.linalg.norm(offset) >= LEAST_DRAWN:
+        if not len(used) or not LEAST_DRAWN <= np.linalg.norm(offset) < np.inf:
             continue
         corners = drawing.vertices[used].reshape(-1, 3).astype(np.float64)
         low, high = corners.min(axis=0), corners.max(axis=0)
         start, end = np.maximum(low[:2], limits[0]), np.minimum(high[:2], limits[1])
-        if not low[2] < height < high[2] or (start > end).any():
-            continue
-        tail = (start + end) / 2.0 + shift
-        tip, drawn = tail + times * offset, True
+        if low[2] < height < high[2] and (start <= end).all():
+            tail = (start + end) / 2.0
+            found.append(Arrow(number, tail, tail + times * offset, times))
+    return found
+
+
+def with_room(limits: tuple[np.ndarray, np.ndarray], arrows: Sequence[Arrow]) -> tuple[np.ndarray, np.ndarray]:
+    """The limits of a plan, wide enough for the arrows and their letters."""
+    tips = np.array([one.tip for one in arrows]).reshape(-1, 2)
+    return np.vstack([limits[0], tips - BEYOND]).min(axis=0), np.vstack([limits[1], tips + BEYOND]).max(axis=0)
+
+
+def draw_offsets(axes: Axes, drawing: Drawing, arrows: Sequence[Arrow]) -> list[Line2D]:
+    """Draw the arrows, the first MOST_WORST with letters; returns what the legend needs."""
+    shift = (drawing.origin - base_of(drawing))[:2]
+    for one in arrows:
         look = {"arrowstyle": "-|>", "color": DARK_ORANGE, "linewidth": 2.2, "shrinkA": 0, "shrinkB": 0}
-        axes.annotate("", tip, tail, annotation_clip=False, arrowprops=look | {"mutation_scale": 14}, zorder=8)
-        if number < MOST_WORST:
-            _write_letter(axes, ascii_uppercase[number], tip, offset)
-    words = f"offset, the arrow {times} times as long"
+        tip, tail = one.tip + shift, one.tail + shift
+        axes.annotate("", tip, tail, arrowprops=look | {"mutation_scale": 14}, zorder=8)
+        if one.number < MOST_WORST:
+            _write_letter(axes, ascii_uppercase[one.number], tip, tip - tail)
     look = {"color": DARK_ORANGE, "linewidth": 2.2, "marker": ">", "markersize": 7, "markevery": [-1]}
-    return [Line2D([], [], label=words, **look)] if drawn else []
+    return [Line2D([], [], label=f"offset, the arrow {one.times} times as long", **look) for one in arrows[:1]]
 
 
 def offset_entries(worst: Sequence[ElementVerdict]) -> list[Patch]:
@@ -106,4 +127,4 @@ def _write_letter(axes: Axes, letter: str, tip: np.ndarray, offset: np.ndarray) 
     note = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": DARK_ORANGE, "linewidth": 1.4}
     ahead = 12.0 * offset / np.linalg.norm(offset)  # [pt]
     words = {"ha": "center", "va": "center", "fontweight": "bold", "fontsize": 9.5, "bbox": note, "zorder": 9}
-    axes.annotate(letter, tip, ahead, textcoords="offset points", annotation_clip=False, **words)
+    axes.annotate(letter, tip, ahead, textcoords="offset points", **words)
