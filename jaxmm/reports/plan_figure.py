@@ -20,6 +20,7 @@ from jaxmm.reports.deviation_words import displaced
 from jaxmm.reports.figures import (
     BLACK,
     COLOR_ADDED,
+    COLOR_DISPLACED,
     COLOR_HIDDEN,
     COLOR_REMOVED,
     GREEN,
@@ -32,7 +33,7 @@ from jaxmm.reports.figures import (
 from jaxmm.reports.markdown import percent, told_size
 from jaxmm.reports.plan_cut import cut_surfaces
 from jaxmm.reports.plan_levels import CUT, Level, base_of, footprint, level_of_mismatches, levels_of, region_of
-from jaxmm.reports.plan_offsets import DARK_ORANGE, arrows_of, draw_offsets, offset_entries, with_room
+from jaxmm.reports.plan_offsets import arrows_of, draw_offsets, offset_entries, with_room
 from jaxmm.verdicts.results import Detection, Mismatch, Pose
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
@@ -55,7 +56,7 @@ class Look(NamedTuple):
 
 LOOKS = {
     PRESENT: Look("#BFE3D6", GREEN, ""),
-    DISPLACED: Look("#FBEBC8", DARK_ORANGE, "\\\\\\\\"),
+    DISPLACED: Look("#FBEBC8", COLOR_DISPLACED, "\\\\\\\\"),
     REMOVED: Look("#FBE0D0", COLOR_REMOVED, "xxxxx"),
     OCCLUDED: Look("#F5E4EE", COLOR_HIDDEN, "//////"),
     UNSCANNED: Look("white", GREY, "....."),

@@ -16,11 +16,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jaxmm.reports.deviation_words import kind_of_class, offset_in_words
+from jaxmm.reports.figures import COLOR_DISPLACED
 from jaxmm.reports.markdown import printable
 from jaxmm.reports.plan_levels import CUT, Level, base_of
 from jaxmm.verdicts.results import Drawing, ElementVerdict
 
-DARK_ORANGE = "#B36B00"  # of displaced elements: orange, dark enough for lines
 ARROW_TIMES = (50, 20, 10, 5)  # as long as the offsets arrows may be drawn
 LONGEST_ARROW = 1.5  # [m] on the plan
 BEYOND = 0.6  # [m] about the tips of arrows that the plan leaves free
@@ -78,12 +78,12 @@ def draw_offsets(axes: Axes, drawing: Drawing, arrows: Sequence[Arrow]) -> list[
     """Draw the arrows, the first MOST_WORST with letters; returns what the legend needs."""
     shift = (drawing.origin - base_of(drawing))[:2]
     for one in arrows:
-        look = {"arrowstyle": "-|>", "color": DARK_ORANGE, "linewidth": 2.2, "shrinkA": 0, "shrinkB": 0}
+        look = {"arrowstyle": "-|>", "color": COLOR_DISPLACED, "linewidth": 2.2, "shrinkA": 0, "shrinkB": 0}
         tip, tail = one.tip + shift, one.tail + shift
         axes.annotate("", tip, tail, arrowprops=look | {"mutation_scale": 14}, zorder=8)
         if one.number < MOST_WORST:
             _write_letter(axes, ascii_uppercase[one.number], tip, tip - tail)
-    look = {"color": DARK_ORANGE, "linewidth": 2.2, "marker": ">", "markersize": 7, "markevery": [-1]}
+    look = {"color": COLOR_DISPLACED, "linewidth": 2.2, "marker": ">", "markersize": 7, "markevery": [-1]}
     return [Line2D([], [], label=f"offset, the arrow {one.times} times as long", **look) for one in arrows[:1]]
 
 
@@ -124,7 +124,7 @@ def _font():
 
 
 def _write_letter(axes: Axes, letter: str, tip: np.ndarray, offset: np.ndarray) -> None:
-    note = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": DARK_ORANGE, "linewidth": 1.4}
+    note = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": COLOR_DISPLACED, "linewidth": 1.4}
     ahead = 12.0 * offset / np.linalg.norm(offset)  # [pt]
     words = {"ha": "center", "va": "center", "fontweight": "bold", "fontsize": 9.5, "bbox": note, "zorder": 9}
     axes.annotate(letter, tip, ahead, textcoords="offset points", **words)
