@@ -43,11 +43,12 @@ def displaced_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
         words = place_in_words(one._replace(name=one_line(one.name), guid=one_line(one.guid)))
         lines = [words, *doubts, *_facts(one), f"Seen best by the scan {one_line(detection.scans[scan].file)}."]
         sure = surely_off(one.deviation)
+        off = millimetres(abs(one.deviation.distance), one.deviation.half)
         topics.append(Topic(
             str(uuid.uuid5(family, f"{DISPLACED}/{one_line(one.guid)}/{seen[one.guid]}")), words.removesuffix("."),
             "\n".join(lines), (DISPLACED,), next((name for name, least in PRIORITY_FROM if sure >= least), "Low"), (),
             camera_at(detection.scans[scan].pose, box.center), box, DEVIATION,
-            f"{kind_of_class(one.ifc_class)} displaced by {millimetres(abs(one.deviation.distance), one.deviation.half)} mm",
+            f"{kind_of_class(one.ifc_class)} displaced by {off} mm",
             np.asarray(one.deviation.offset, np.float64),
         ))  # fmt: skip
     return tuple(topics)
