@@ -23,6 +23,7 @@ from jaxmm.reports.bcf import write_bcf
 from jaxmm.reports.detection_figures import write_figures
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
+from jaxmm.reports.workbook import MISSING, WORKBOOK, write_workbook
 from jaxmm.verdicts.alignment import fitting_prior, lay
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
@@ -150,6 +151,8 @@ def write_all(detection: Detection, prior: Path | str, out: Path | str, *, apply
             said.extend(write_update(prior, detection, work, apply=apply).notes)
         timing = detection.timing | {"writing": time.perf_counter() - start}
         write_plain(work, detection._replace(timing=timing))
+        if not write_workbook(work / WORKBOOK, detection):
+            said.append(MISSING)
 
     try:
         write_folder(out, write)

@@ -78,6 +78,7 @@ def detect(options: argparse.Namespace) -> None:
     sensor = _sensor(options.sensor)
 
     from jaxmm.commands import detect_files  # takes seconds: what is wrong with the words above is said before
+    from jaxmm.reports.plain_files import sentences_of
     from jaxmm.verdicts.settings import load_settings
     from jaxmm.weights import DEFAULT
 
@@ -94,7 +95,7 @@ def detect(options: argparse.Namespace) -> None:
     for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
         print(note)
     said = detect_files.write_all(detection, options.prior, options.out, apply=options.apply)
-    for line in (*said, *detection.sentences, detection.summary()):
+    for line in (*said, *sentences_of(detection), detection.summary()):
         print(line)
     print(f"reports: {options.out}")
 

@@ -3,9 +3,13 @@
 import uuid
 from datetime import UTC, datetime
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from jaxmm.ifc.text_edits import Edit, edit_text
+from jaxmm.ifc.undo import sha256
+from jaxmm.inputs import InputError, one_line
+from warp_scanner.buildings.ifc_model import import_ifcopenshell
 
 SOFTWARE = "jaxmm"
 _FAMILY = uuid.UUID("0d8a1f3e-9d1c-5d0b-8f0e-3c5a6a1d7b42")  # GlobalIds are names in this family
@@ -101,6 +105,24 @@ class Draft:
                 OwningApplication=application, ChangeAction="ADDED", CreationDate=int(self.when.timestamp()),
             )  # fmt: skip
         return self._history
+
+
+def open_draft(prior: Path, when: datetime | None = None) -> tuple[bytes, Draft]:
+    """The text of an IFC file, and its model to edit; `when` is now unless it is given.
+
+    Raises:
+        InputError: it cannot be read.
+        ImportError: ifcopenshell is not installed.
+    """
+    ifcopenshell = import_ifcopenshell()
+    try:
+        original = prior.read_bytes()
+        model = ifcopenshell.open(str(prior))
+    except OSError as error:
+        raise InputError(f"{prior}: cannot be read: {error.strerror}") from error
+    except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
+        raise InputError(f"{prior}: not a readable IFC file: {one_line(error)}") from error
+    return original, Draft(ifcopenshell, model, sha256(original), when or datetime.now(UTC))
 
 
 def _line(entity: Any) -> bytes:

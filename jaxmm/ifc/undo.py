@@ -1,4 +1,4 @@
-"""`undo.json`: what is needed to make the file that a detection was run on from the one that it updated.
+"""`undo.json`: what is needed to make the file that a detection was run on from one that it edited.
 
 It holds the text of the entities that were changed or removed, and where it stood; not the file, and nothing to run.
 """
@@ -13,6 +13,7 @@ from jaxmm.ifc.text_edits import Edit, take_back
 from jaxmm.inputs import InputError
 
 UPDATED, UNDO = "updated.ifc", "undo.json"
+AS_BUILT, AS_BUILT_UNDO = "as_built.ifc", "as_built.undo.json"
 _FORMAT = "jaxmm undo 1"
 
 
@@ -21,8 +22,10 @@ def sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def write_with_undo(folder: Path, original: bytes, updated: bytes, edits: list[Edit]) -> None:
-    """Write UPDATED and UNDO to a folder, both whole or neither.
+def write_with_undo(
+    folder: Path, original: bytes, updated: bytes, edits: list[Edit], name: str = UPDATED, undo_name: str = UNDO
+) -> None:
+    """Write an edited file and its undo to a folder, by these names, both whole or neither.
 
     Raises:
         InputError: a folder or a device stands where one of them would be.
@@ -44,14 +47,14 @@ def write_with_undo(folder: Path, original: bytes, updated: bytes, edits: list[E
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(updated)
-        write_json(folder / UNDO, undo)  # last, as only moving the other one is left to go wrong
-        written.append(UNDO)
+        write_json(folder / undo_name, undo)  # last, as only moving the other one is left to go wrong
+        written.append(undo_name)
 
     try:
-        write_atomically(folder / UPDATED, write)
+        write_atomically(folder / name, write)
     except BaseException:
         if written:
-            (folder / UNDO).unlink(missing_ok=True)
+            (folder / undo_name).unlink(missing_ok=True)
         raise
 
 
@@ -59,7 +62,7 @@ def revert(updated: Path | str, out: Path | str) -> None:
     """Give back the very file that an update was made from, byte for byte.
 
     Args:
-        updated: a file that `write_update` wrote, with its UNDO beside it.
+        updated: a file that `write_update` or `write_as_built` wrote, with its undo beside it.
         out: the new file to write, whole or not at all.
 
     Raises:
@@ -70,7 +73,7 @@ def revert(updated: Path | str, out: Path | str) -> None:
     updated, out = Path(updated), Path(out)
     if out.exists():
         raise InputError(f"{out}: expected the name of a new file, found one that is there")
-    undo = updated.with_name(UNDO)
+    undo = updated.with_name(AS_BUILT_UNDO if updated.name == AS_BUILT else UNDO)
     content = _load(undo)
     text = _read(updated)
     if sha256(text) != content["updated_sha256"]:
@@ -92,7 +95,7 @@ def _load(undo: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{undo}: expected what `jaxmm detect` wrote beside {UPDATED}, found it damaged") from error
+        raise InputError(f"{undo}: expected what `jaxmm detect` wrote beside its models, found it damaged") from error
     wanted = ("format", "updated_sha256", "original_sha256", "edits")
     if not isinstance(content, dict) or content.get("format") != _FORMAT or any(key not in content for key in wanted):
         raise InputError(f"{undo}: expected JSON of the format {_FORMAT!r}, found something else")

@@ -6,20 +6,19 @@ Present and unscanned elements are not touched. The file that was read is never 
 
 import math
 from collections import Counter
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jaxmm.ifc.draft import Draft
+from jaxmm.ifc.draft import Draft, open_draft
 from jaxmm.ifc.marks import DEMOLISH, NEW, mark, set_status
 from jaxmm.ifc.new_elements import add_object, contain, flaw_of, ground_of
 from jaxmm.ifc.removal import delete, hanging_on
-from jaxmm.ifc.undo import UPDATED, sha256, write_with_undo
-from jaxmm.inputs import InputError, one_line
+from jaxmm.ifc.undo import UPDATED, write_with_undo
+from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import sentence
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, box_of, told_probability
 from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED, STANDS
-from warp_scanner.buildings.ifc_model import import_ifcopenshell
 
 NOT_APPLIED = "--apply: removed elements are marked, not deleted: it is open whether every scan is of this place"
 
@@ -56,7 +55,7 @@ def write_update(
     """
     if (out / UPDATED).resolve() == prior.resolve():
         raise InputError(f"{out}: expected another folder than that of {prior}, which must stay as it is")
-    original, draft = _open(prior, when or datetime.now(UTC))
+    original, draft = open_draft(prior, when)
     update = _Update(draft, detection)
     if apply and detection.doubts:
         apply = False
@@ -71,18 +70,6 @@ def write_update(
     return UpdateSummary(
         out / UPDATED, tuple(update.removed), tuple(update.occluded), tuple(update.added), tuple(update.notes)
     )
-
-
-def _open(prior: Path, when: datetime) -> tuple[bytes, Draft]:
-    ifcopenshell = import_ifcopenshell()
-    try:
-        original = prior.read_bytes()
-        model = ifcopenshell.open(str(prior))
-    except OSError as error:
-        raise InputError(f"{prior}: cannot be read: {error.strerror}") from error
-    except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
-        raise InputError(f"{prior}: not a readable IFC file: {one_line(error)}") from error
-    return original, Draft(ifcopenshell, model, sha256(original), when)
 
 
 class _Update:

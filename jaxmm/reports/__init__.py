@@ -1,4 +1,4 @@
-"""A Detection or scores in; files that people open out. May import: root, formats, rays, learning, verdicts."""
+"""Detections or scores in; files to open out. May import: root, formats, rays, learning, deviations, verdicts."""
 
 import lazy_loader
 

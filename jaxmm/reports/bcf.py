@@ -1,4 +1,4 @@
-"""Mismatches as topics of a BIM Collaboration Format 3.0 file, which BIM tools open beside the model.
+"""Mismatches and displaced elements as topics of BCF 3.0 (BIM Collaboration Format), which BIM tools open.
 
 bcf.version, project.bcfp and extensions.xml; then a folder per topic with markup.bcf (what is said), viewpoint.bcfv
 (where to look from, and at what) and snapshot.png. Elements stand in the order that buildingSMART's schemas ask for.
@@ -6,7 +6,6 @@ Coordinates are those of the prior: metres, z up, at full precision.
 """
 
 import uuid
-import zipfile
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,9 +13,12 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from jaxmm.files import write_atomically
+from jaxmm.reports.archives import write_zip
+from jaxmm.reports.bcf_displaced import displaced_topics
 from jaxmm.reports.bcf_topics import (
     LABELS,
     PRIORITIES,
+    TOPIC_TYPES,
     Topic,
     global_id,
     is_global_id,
@@ -28,15 +30,12 @@ from jaxmm.reports.bcf_topics import (
 from jaxmm.reports.snapshots import ASPECT_RATIO, COLORS, EDGES, FIELD_OF_VIEW, corners_of, snapshot
 from jaxmm.verdicts.results import Detection, PriorFile
 
-TOPIC_TYPE = "Mismatch"
 STATUSES = ("Open", "In Progress", "Closed")  # ours are open; the others are for whoever works on them
 AUTHOR = "jaxmm"
 
-_FIRST_DAY = (1980, 1, 1, 0, 0, 0)  # the earliest that zip knows: the same topics give the same bytes
-
 
 def write_bcf(path: Path, detection: Detection, project: str = "jaxmm", when: datetime | None = None) -> None:
-    """Write mismatches.bcf, whole or not at all: one topic per mismatch; without any a valid file without topics.
+    """Write mismatches.bcf, whole or not at all: one topic per mismatch and displaced element, or none.
 
     The topics' GUIDs follow from the project and from what changed where, so a second run names the same mismatch the
     same, and equal arguments give equal bytes.
@@ -48,12 +47,12 @@ def write_bcf(path: Path, detection: Detection, project: str = "jaxmm", when: da
         when: date of all topics, by default now; one without a time zone is UTC.
 
     Raises:
-        ValueError: there are mismatches, but no scan.
+        ValueError: there is something to tell of, but no scan.
         OSError: it cannot be written; the path stays as it was.
     """
     when = when or datetime.now(UTC)
     when = when.replace(tzinfo=UTC) if when.tzinfo is None else when.astimezone(UTC)
-    topics = topics_of(detection, project)
+    topics = (*topics_of(detection, project), *displaced_topics(detection, project))
     files = {
         "bcf.version": _xml(Element("Version", VersionId="3.0")),
         "project.bcfp": _xml(_project(project)),
@@ -63,8 +62,8 @@ def write_bcf(path: Path, detection: Detection, project: str = "jaxmm", when: da
         files[f"{topic.guid}/"] = b""  # readers rely on folders being listed
         files[f"{topic.guid}/markup.bcf"] = _xml(_markup(topic, number, when, detection.prior))
         files[f"{topic.guid}/viewpoint.bcfv"] = _xml(_viewpoint(topic))
-        files[f"{topic.guid}/snapshot.png"] = snapshot(detection.drawing, topic.mismatch, topic.camera)
-    write_atomically(Path(path), lambda temporary: _write_zip(temporary, files))
+        files[f"{topic.guid}/snapshot.png"] = snapshot(detection.drawing, topic.mismatch, topic.camera, topic.caption)
+    write_atomically(Path(path), lambda temporary: write_zip(temporary, files))
 
 
 def _project(name: str) -> Element:
@@ -79,7 +78,7 @@ def _extensions() -> Element:
     """All words that topics use, and those that whoever works on them may need."""
     root = Element("Extensions")
     for group, item, words in (
-        ("TopicTypes", "TopicType", (TOPIC_TYPE,)),
+        ("TopicTypes", "TopicType", TOPIC_TYPES),
         ("TopicStatuses", "TopicStatus", STATUSES),
         ("Priorities", "Priority", tuple(name for name, _ in PRIORITIES)),
         ("TopicLabels", "TopicLabel", LABELS),
@@ -95,7 +94,7 @@ def _markup(topic: Topic, number: int, when: datetime, prior: PriorFile | None) 
     root = Element("Markup")
     if prior is not None:
         _add_header(root, prior)
-    entry = SubElement(root, "Topic", Guid=topic.guid, TopicType=TOPIC_TYPE, TopicStatus=STATUSES[0])
+    entry = SubElement(root, "Topic", Guid=topic.guid, TopicType=topic.kind, TopicStatus=STATUSES[0])
     _add(entry, "Title", topic.title)
     _add(entry, "Priority", topic.priority)
     _add(entry, "Index", str(number))
@@ -140,8 +139,9 @@ def _viewpoint(topic: Topic) -> Element:
     _add_vector(camera, "CameraUpVector", topic.camera.up)
     _add(camera, "FieldOfView", repr(FIELD_OF_VIEW))
     _add(camera, "AspectRatio", repr(ASPECT_RATIO))
-    if not element:  # the model has nothing there that could be selected
+    if topic.offset is not None or not element:  # where it stands, or else nothing could be selected
         lines, corners = SubElement(root, "Lines"), corners_of(topic.mismatch)
+        corners = corners if topic.offset is None else corners + topic.offset
         for start, end in EDGES:
             line = SubElement(lines, "Line")
             _add_vector(line, "StartPoint", corners[start])
@@ -166,14 +166,3 @@ def _add_vector(parent: Element, tag: str, vector: Iterable[float]) -> None:
 def _xml(root: Element) -> bytes:
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
-
-
-def _write_zip(path: Path, files: dict[str, bytes]) -> None:
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, content in files.items():
-            entry = zipfile.ZipInfo(name, _FIRST_DAY)
-            entry.create_system = 3  # the same bytes from every system
-            folder = name.endswith("/")
-            entry.external_attr = (0o40755 << 16) | 0x10 if folder else 0o100644 << 16
-            entry.compress_type = zipfile.ZIP_STORED if folder else zipfile.ZIP_DEFLATED
-            archive.writestr(entry, content)

@@ -8,16 +8,20 @@ import uuid
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import numpy as np
+
 from jaxmm.learning.boxes import MISMATCH_TYPES, OBJECT_TYPES
 from jaxmm.rays.evidence import FRACTIONS
 from jaxmm.reports.markdown import chance, other_type, sizes
 from jaxmm.reports.snapshots import Camera, best_scan, camera_at
 from jaxmm.reports.verdict_words import ASSUMED_WORDS
-from jaxmm.verdicts.results import Detection, Mismatch
+from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch
+from jaxmm.verdicts.verdicts import DISPLACED
 
 PRIORITIES = (("High", 0.9), ("Normal", 0.7), ("Low", 0.0))  # by the least probability of each
 MOVED = "moved"
-LABELS = (*OBJECT_TYPES, *MISMATCH_TYPES, MOVED)
+LABELS = (*OBJECT_TYPES, *MISMATCH_TYPES, MOVED, DISPLACED)
+MISMATCH, DEVIATION = TOPIC_TYPES = ("Mismatch", "Deviation")
 
 LEAST_TURN = 0.5  # [deg] that is worth a word
 SQUARE = 0.005  # [m] by which sides may differ that are called equal
@@ -28,7 +32,7 @@ _LONGEST_NAME = 200  # characters of a file's own names that a reader is asked t
 
 
 class Topic(NamedTuple):
-    """What one mismatch becomes."""
+    """What one mismatch becomes, or one displaced element."""
 
     guid: str  # lower case, hyphenated
     title: str
@@ -37,7 +41,10 @@ class Topic(NamedTuple):
     priority: str  # of PRIORITIES
     related: tuple[str, ...]  # GUIDs of the topics that tell of the same object elsewhere
     camera: Camera
-    mismatch: Mismatch
+    mismatch: Mismatch  # or the box about a displaced element
+    kind: str = MISMATCH  # of TOPIC_TYPES
+    caption: str | None = None  # of its picture; None: type and probability of the mismatch
+    offset: np.ndarray | None = None  # (3,) [m] of a displaced element
 
 
 def topics_of(detection: Detection, project: str) -> tuple[Topic, ...]:
@@ -69,8 +76,8 @@ def project_guid(project: str) -> uuid.UUID:
 
 
 def global_id(mismatch: Mismatch) -> str | None:
-    """The GlobalId of a removed element that an IFC file can hold; None for all else, like the node of a mesh."""
-    return mismatch.element if mismatch.mismatch_type == "removed" and is_global_id(mismatch.element) else None
+    """The GlobalId of an element of the model that an IFC file can hold; None for all else, like the node of a mesh."""
+    return mismatch.element if mismatch.mismatch_type != "added" and is_global_id(mismatch.element) else None
 
 
 def is_global_id(text: str | None) -> bool:
@@ -87,6 +94,13 @@ def one_line(text: str) -> str:
 def legal(text: str) -> str:
     """Text with a mark in place of what XML cannot hold."""
     return _NOT_XML.sub("\ufffd", text)
+
+
+def element_words(told: ElementVerdict) -> str:
+    """Which element of the model one is, a sentence."""
+    words = [one_line(told.ifc_class), f'"{one_line(told.name)}"' if told.name else "", one_line(told.guid)]
+    words.append(f'storey "{one_line(told.storey)}"' if told.storey else "")
+    return f"Element of the model: {', '.join(word for word in words if word)}."
 
 
 def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project: str) -> Iterator[str]:
@@ -121,9 +135,7 @@ def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
     if told is None:
         yield f"Element of the model: {one_line(mismatch.element)}."
         return
-    words = [one_line(told.ifc_class), f'"{one_line(told.name)}"' if told.name else "", one_line(told.guid)]
-    words.append(f'storey "{one_line(told.storey)}"' if told.storey else "")
-    yield f"Element of the model: {', '.join(word for word in words if word)}."
+    yield element_words(told)
     yield f"Its verdict is {told.verdict}; the probability that it was removed is {chance(told.probability)}."
     counts = ", ".join(f"{count} {name}" for name, count in zip(FRACTIONS, told.rays, strict=True))
     yield f"Evidence: {told.points} points of the model's scan lie on it; of the robot's rays there, {counts}."

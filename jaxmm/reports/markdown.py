@@ -12,6 +12,15 @@ from typing import Any
 import numpy as np
 
 from jaxmm.formats.units import UNITS as UNIT_WORDS
+from jaxmm.reports.deviation_words import (
+    INTERVAL_WORDS,
+    NORTH_WORDS,
+    displaced,
+    millimetres,
+    offset_in_words,
+    place_in_words,
+    summary_of,
+)
 from jaxmm.reports.verdict_words import (
     ASSUMED,
     ASSUMED_WORDS,
@@ -25,6 +34,7 @@ from jaxmm.reports.verdict_words import (
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, Pose, PriorFile, ScanRecord
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
+MOST_DISPLACED = 50  # elements that are told of in full
 GAP = "-"  # shown for what is not known
 UNITS = {"shift": " m", "turn": "°", "residual": " m"}  # of the numbers of a registration
 # What is markup anywhere (an underscore within a word is not), and what would begin a list or a rule at the start.
@@ -36,13 +46,14 @@ _BLANK = re.compile(r"[\s\x00-\x1f\x7f-\x9f\u2028\u2029]+")
 
 
 def as_markdown(detection: Detection) -> str:
-    """The content of report.md: removed and occluded elements in full, all others counted by class and storey."""
+    """The content of report.md: removed, displaced and occluded elements in full, all others counted."""
     blocks = [
         ["# What the scans say of the building model", "", f"{_capital(detection.summary())}."],
         [f"{_prior(detection.prior)}."] if detection.prior else [],
         [f"- **In doubt:** {escaped(doubt)}" for doubt in detection.doubts],
         _sentences(detection),
         _mismatches(detection.mismatches),
+        _displaced(detection.elements),
         _elements(detection.elements),
         _scans(detection.scans),
         _notes(detection.notes),
@@ -186,6 +197,30 @@ def _mismatches(mismatches: Sequence[Mismatch]) -> list[str]:
     )  # fmt: skip
     words = "  \n".join(escaped(one) for one in words_of_table(mismatches))
     return ["## Mismatches", "", *_table(columns, rows), "", words]
+
+
+def _displaced(elements: tuple[ElementVerdict, ...]) -> list[str]:
+    """What stands off its place, the worst first, and how near the others stand."""
+    lines, found = ["## Displaced", ""], displaced(elements)
+    summary = summary_of(elements)
+    if not found:
+        return [*lines, "No element stands off its place by more than its tolerance.", "", summary] if summary else []
+    lines += [f"{index}. {escaped(place_in_words(one))}" for index, one in enumerate(found[:MOST_DISPLACED], 1)]
+    rows = []
+    for index, one in enumerate(found[:MOST_DISPLACED], 1):
+        told = one.deviation
+        rows.append([
+            index, _identifier(one.guid), *(escaped(text) or GAP for text in (one.ifc_class, one.name, one.storey)),
+            escaped(offset_in_words(told)), escaped(number(told.turn, 1)), number(told.lean, 1),
+            millimetres(told.flatness), told.rays, told.classes["loa"], told.classes["din18202"],
+        ])  # fmt: skip
+    columns = (
+        "no.", "element", "class", "name", "storey", "off its place (95 %)", "turn [°]", "lean [°]", "flatness [mm]",
+        "rays on it", "LOA", "DIN 18202",
+    )  # fmt: skip
+    more = len(found) - MOST_DISPLACED
+    lines += ["", *_table(columns, rows), "", *([f"And {more} more: deviations.csv.", ""] if more > 0 else [])]
+    return [*lines, summary, "", f"{NORTH_WORDS} {INTERVAL_WORDS}"]
 
 
 def _elements(elements: tuple[ElementVerdict, ...]) -> list[str]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from html import escape
 from typing import Any
 
+from jaxmm.reports.deviation_words import INTERVAL_WORDS, NORTH_WORDS, displaced, place_in_words, summary_of
 from jaxmm.reports.figures import UNDATED
 from jaxmm.reports.markdown import (
     kind_in_words,
@@ -33,6 +34,7 @@ def detection_html(detection: Detection) -> str:
         "".join(f"<p>In doubt: {_text(doubt)}</p>" for doubt in detection.doubts),
         _plan(detection),
         _mismatches(detection),
+        _displaced(detection),
         _verdicts(detection),
         *(_elements(detection, verdict) for verdict in (REMOVED, OCCLUDED)),
         "".join(f"<p>{_text(note)}</p>" for note in detection.notes),
@@ -69,6 +71,17 @@ def _mismatches(detection: Detection) -> str:
         ))  # fmt: skip
     words = " ".join(words_of_table(detection.mismatches))
     return f"{_table(columns, rows)}<p>{_text(words)}</p>" if rows else ""
+
+
+def _displaced(detection: Detection) -> str:
+    """What stands off its place, the worst first."""
+    found = displaced(detection.elements)
+    if not found:
+        return ""
+    listed = "".join(f"<li>{_text(place_in_words(one))}</li>" for one in found[:MOST_LISTED])
+    more = f"<p>and {len(found) - MOST_LISTED} more</p>" if len(found) > MOST_LISTED else ""
+    words = f"{summary_of(detection.elements)} {NORTH_WORDS} {INTERVAL_WORDS}"
+    return f"<p>{len(found)} displaced:</p><ol>{listed}</ol>{more}<p>{_text(words)}</p>"
 
 
 def _verdicts(detection: Detection) -> str:

@@ -14,11 +14,13 @@ from pathlib import Path
 from jaxmm.files import write_text
 from jaxmm.reports.markdown import printable, prior_in_words
 from jaxmm.reports.page_data import LIMITS, Limits, as_script, page_data
+from jaxmm.reports.plain_files import sentences_of
 from jaxmm.verdicts.results import Detection
 
 SCRIPTS = (
-    "data.js", "colours.js", "camera.js", "shaders.js", "canvas.js", "surface.js", "marks.js", "painter.js",
-    "picking.js", "viewpoints.js", "words.js", "panels.js", "table.js", "controls.js", "labels.js", "viewer.js",
+    "deviations.js", "data.js", "colours.js", "camera.js", "shaders.js", "canvas.js", "surface.js", "marks.js",
+    "painter.js", "picking.js", "viewpoints.js", "words.js", "panels.js", "table.js", "controls.js", "labels.js",
+    "viewer.js",
 )  # fmt: skip
 
 
@@ -42,7 +44,7 @@ def page_text(detection: Detection, limits: Limits = LIMITS) -> str:
         "doubts": "\n".join(
             f'<p class="doubt">In doubt: {html.escape(printable(one))}</p>' for one in detection.doubts
         ),
-        "sentences": "\n".join(f"<li>{html.escape(line)}</li>" for line in detection.sentences),
+        "sentences": "\n".join(f"<li>{html.escape(line)}</li>" for line in sentences_of(detection)),
         "style": style,
         "data": as_script(page_data(detection, limits)),
         "script": script,

@@ -10,6 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxmm.deviations.tolerances import DeviationSettings
+from jaxmm.reports.deviation_words import INTERVAL_WORDS, NORTH_WORDS, SIGN_WORDS, offset_in_words, place_in_words
+from jaxmm.reports.markdown import printable
 from jaxmm.reports.verdict_words import (
     ASSUMED,
     ASSUMED_WORDS,
@@ -21,7 +24,7 @@ from jaxmm.reports.verdict_words import (
     SURE_OF_TYPE,
     VERDICT_WORDS,
 )
-from jaxmm.verdicts.results import Detection, Drawing, to_json
+from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, to_json
 
 
 class Limits(NamedTuple):
@@ -73,8 +76,11 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
             "verdicts": VERDICT_WORDS if detection.elements else {},  # a point cloud has nothing that they are of
             "probability": PROBABILITY_WORDS if detection.elements else PROBABILITY_OF_MISMATCH,
             "prior": EVIDENCE_WORDS, "robot": ROBOT_EVIDENCE_WORDS, "observable": OBSERVABLE_WORDS,
+            "north": NORTH_WORDS, "interval": INTERVAL_WORDS, "sign": SIGN_WORDS,
             "assumed": ASSUMED_WORDS, "tilde": ASSUMED, "sure_of_type": SURE_OF_TYPE,
         },
+        "deviations": [_deviation(one) for one in detection.elements],
+        "tolerance": _tolerance(detection),
         "thinned": _told(drawing, (len(robot), len(prior), len(surface.faces))),
         "has_surface": drawing.vertices is not None,
         "guid": list(drawing.guid),
@@ -83,6 +89,23 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
         "frame": _frame(detection, places),
         "arrays": {name: encoded(array) for name, array in arrays.items()},
     }  # fmt: skip
+
+
+def _deviation(one: ElementVerdict) -> dict[str, Any] | None:
+    """What the page needs of an element's deviation beside what the report says [m]; None where it was not measured."""
+    told = one.deviation
+    if told is None or not np.isfinite([*told.offset, told.distance, told.half]).all():
+        return None
+    return {
+        "offset": [float(value) for value in told.offset], "distance": told.distance, "half": told.half,
+        "words": offset_in_words(told), "sentence": printable(place_in_words(one)),
+    }  # fmt: skip
+
+
+def _tolerance(detection: Detection) -> float:
+    """The general tolerance [m] that the detection was made with; the default one where it does not say."""
+    told = detection.settings.get("deviations")
+    return float(told["tolerance"] if isinstance(told, dict) else DeviationSettings().tolerance)
 
 
 def as_script(data: dict[str, Any]) -> str:

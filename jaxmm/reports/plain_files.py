@@ -1,4 +1,4 @@
-"""The plain files of a detection: JSON, text, tables and a coloured point cloud.
+"""The plain files of a detection: JSON, text, tables and coloured point clouds.
 
 World frame of the prior, metres, z up; angles in degrees. Every file is written whole or not at all.
 """
@@ -12,13 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from jaxmm.deviations.deviation import Deviation
 from jaxmm.files import write_atomically, write_json, write_text
 from jaxmm.rays.evidence import BLOCKED, FRACTIONS, SUPPORT, THROUGH, UNSEEN
+from jaxmm.reports.deviation_words import displaced, measured, offset_in_words, place_in_words, span_of
 from jaxmm.reports.markdown import as_markdown, printable
 from jaxmm.verdicts.mismatch_points import mismatch_points
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, to_json, told_probability
 
-PLAIN_FILES = ("report.json", "report.md", "sentences.txt", "mismatches.csv", "elements.csv", "mismatches.ply")
+PLAIN_FILES = (
+    "report.json", "report.md", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv", "mismatches.ply",
+)  # fmt: skip
 ADDED_COLOR, REMOVED_COLOR = (0, 114, 178), (213, 94, 0)  # blue and vermillion: told apart with every colour blindness
 GREYS = {SUPPORT: 205, THROUGH: 160, UNSEEN: 115, BLOCKED: 70}  # of points that show no mismatch, by their evidence
 POSITION = ("x [m]", "y [m]", "z [m]")
@@ -27,10 +31,16 @@ MISMATCH_COLUMNS = (
     *(f"dimension_{name}" for name in POSITION), "rotation [deg]", "probability", "observable_fraction", "element",
     "moved_from", "measured", "type_probability",
 )  # fmt: skip
+DEVIATION_COLUMNS = (
+    *(f"offset_{axis}{end} [m]" for axis in "xyz" for end in ("", "_low", "_high")),
+    *(f"distance{end} [m]" for end in ("", "_low", "_high")), *(f"direction_{axis}" for axis in "xyz"), "turn [deg]",
+    "lean [deg]", "flatness [m]", "coverage", "rays_on_it", "loa", "din18202",
+)  # fmt: skip
+WORST_COLUMNS = ("guid", "ifc_class", "name", "storey", "verdict", "in_words", *DEVIATION_COLUMNS)
 ELEMENT_COLUMNS = (
     "guid", "ifc_class", "name", "storey", "verdict", "probability_removed", "prior_points",
     *(f"rays_{name}" for name in FRACTIONS), *(f"next_view_{name}" for name in POSITION), "next_view_yaw [deg]",
-    "next_view_pitch [deg]",
+    "next_view_pitch [deg]", *DEVIATION_COLUMNS,
 )  # fmt: skip
 PLY_FIELDS = [
     *((name, "<f8", "double") for name in "xyz"), *((name, "u1", "uchar") for name in ("red", "green", "blue")),
@@ -50,9 +60,10 @@ def write_plain(folder: Path, detection: Detection) -> None:
     """
     write_json(folder / "report.json", to_json(detection))
     write_text(folder / "report.md", as_markdown(detection))
-    write_text(folder / "sentences.txt", "".join(f"{line}\n" for line in detection.sentences))
+    write_text(folder / "sentences.txt", "".join(f"{line}\n" for line in sentences_of(detection)))
     _write_csv(folder / "mismatches.csv", mismatches_csv(detection.mismatches))
     _write_csv(folder / "elements.csv", elements_csv(detection.elements))
+    _write_csv(folder / "deviations.csv", deviations_csv(detection.elements))
     write_mismatch_points(folder / "mismatches.ply", detection)
 
 
@@ -82,9 +93,37 @@ def elements_csv(elements: Iterable[ElementVerdict]) -> str:
     for one in elements:
         rows.append([
             one.guid, one.ifc_class, one.name, one.storey, one.verdict, told_probability(one.probability), one.points,
-            *one.rays, *(one.next_view or [None] * 5),
+            *one.rays, *(one.next_view or [None] * 5), *_deviation(one.deviation),
         ])  # fmt: skip
     return _as_csv(ELEMENT_COLUMNS, rows)
+
+
+def deviations_csv(elements: Iterable[ElementVerdict]) -> str:
+    """A row for each element whose place was measured, the worst first, in the manner of `mismatches_csv`.
+
+    `low` and `high` bound the interval of 95 %; they are empty along an axis that no face seen fixes, where the offset
+    is 0. `distance` is along the direction, toward the scanner positive.
+    """
+    rows = []
+    for one in measured(elements):
+        words = offset_in_words(one.deviation)
+        rows.append([one.guid, one.ifc_class, one.name, one.storey, one.verdict, words, *_deviation(one.deviation)])
+    return _as_csv(WORST_COLUMNS, rows)
+
+
+def sentences_of(detection: Detection) -> tuple[str, ...]:
+    """What is new, what is gone, and what stands off its place, a line each."""
+    return (*detection.sentences, *(printable(place_in_words(one)) for one in displaced(detection.elements)))
+
+
+def _deviation(one: Deviation | None) -> list[Any]:
+    """The cells of DEVIATION_COLUMNS; empty where nothing was measured."""
+    if one is None:
+        return [None] * len(DEVIATION_COLUMNS)
+    ends = [span or (None, None) for span in one.interval]
+    along = [value for axis in range(3) for value in (one.offset[axis], *ends[axis])]
+    told = [one.turn, one.lean, one.flatness, one.coverage, one.rays, one.classes["loa"], one.classes["din18202"]]
+    return [*along, one.distance, *span_of(one), *one.direction, *told]
 
 
 def write_mismatch_points(path: Path, detection: Detection) -> None:

@@ -16,9 +16,11 @@ from matplotlib.patches import Ellipse, Patch, PathPatch, Polygon, Wedge
 from matplotlib.path import Path as Shape
 from matplotlib.patheffects import withStroke
 
+from jaxmm.reports.deviation_words import displaced
 from jaxmm.reports.figures import (
     BLACK,
     COLOR_ADDED,
+    COLOR_DISPLACED,
     COLOR_HIDDEN,
     COLOR_REMOVED,
     GREEN,
@@ -30,17 +32,18 @@ from jaxmm.reports.figures import (
 )
 from jaxmm.reports.markdown import percent, told_size
 from jaxmm.reports.plan_cut import cut_surfaces
-from jaxmm.reports.plan_levels import CUT, Level, footprint, level_of_mismatches, levels_of, region_of
+from jaxmm.reports.plan_levels import CUT, Level, base_of, footprint, level_of_mismatches, levels_of, region_of
+from jaxmm.reports.plan_offsets import arrows_of, draw_offsets, offset_entries, with_room
 from jaxmm.verdicts.results import Detection, Mismatch, Pose
-from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
 SLICE = 0.3  # [m] to both sides of the cut: points within it are drawn
 MOST_LEVELS, MOST_LISTED = 4, 14
 LEFT, PLAN_WIDTH, LEGEND_WIDTH, ROOM_FOR_LABELS = 0.75, 7.5, 4.2, 1.0  # [inch]
+MOST_SIGNS, LEGEND_LINE = 12, 0.2  # entries that explain the plan, and height of one [inch]
 NAME_AT = (0.0, -22.0)  # [pt] from a sensor to the middle of its name
 NAME_SPANS = (-15.0, 0.0, 15.0)  # [pt] a name is wide: from its middle, places that it takes
 APART = 26.0  # [pt] between the middles of numbers, and from such places
-FAR_ORIGIN = 1e4  # [m] beyond this, axes count from the origin: labels of seven digits cannot be read
 
 
 class Look(NamedTuple):
@@ -53,6 +56,7 @@ class Look(NamedTuple):
 
 LOOKS = {
     PRESENT: Look("#BFE3D6", GREEN, ""),
+    DISPLACED: Look("#FBEBC8", COLOR_DISPLACED, "\\\\\\\\"),
     REMOVED: Look("#FBE0D0", COLOR_REMOVED, "xxxxx"),
     OCCLUDED: Look("#F5E4EE", COLOR_HIDDEN, "//////"),
     UNSCANNED: Look("white", GREY, "....."),
@@ -72,20 +76,31 @@ def plan_figure(detection: Detection, path: Path | str) -> Figure:
 def draw_plan(detection: Detection) -> Figure:
     """The same, only drawn."""
     levels = levels_of(detection)[:MOST_LEVELS]
-    bounds = [region_of(detection, level) for level in levels]
+    worst, bounds, arrows = displaced(detection.elements), [], []
+    for level in levels:
+        limits = region_of(detection, level)
+        arrows.append(arrows_of(detection.drawing, worst, level, limits))
+        bounds.append(with_room(limits, arrows[-1]))
     sizes = [_inches(high - low) for low, high in bounds]
     widest = LEFT + max(width for width, _ in sizes)
-    total = widest + LEGEND_WIDTH, sum(height + ROOM_FOR_LABELS for _, height in sizes)
+    found = [*_mismatch_entries(detection.mismatches), *offset_entries(worst)]
+    lines = MOST_SIGNS + sum(entry.get_label().count("\n") + 1 for entry in found)
+    tall = sum(height + ROOM_FOR_LABELS for _, height in sizes)
+    total = widest + LEGEND_WIDTH, max(tall, ROOM_FOR_LABELS + LEGEND_LINE * lines)
     figure = Figure(total)
     nearest, entries, top = level_of_mismatches(detection, levels), {}, total[1]
     for index, (level, limits, (width, height)) in enumerate(zip(levels, bounds, sizes, strict=True)):
         top -= height + ROOM_FOR_LABELS
         axes = figure.add_axes((LEFT / total[0], (top + 0.55) / total[1], width / total[0], height / total[1]))
         shown = [(n, one) for n, one in enumerate(detection.mismatches, 1) if nearest[n - 1] == index]
-        entries |= {entry.get_label(): entry for entry in _draw_level(axes, detection, level, limits, shown)}
-    handles = [*entries.values(), *_mismatch_entries(detection.mismatches)]
+        told = _draw_level(axes, detection, level, limits, shown)
+        told += draw_offsets(axes, detection.drawing, arrows[index])
+        entries |= {entry.get_label(): entry for entry in told}
+    handles = [*entries.values(), *found]
     place = ((widest + 0.15) / total[0], 1.0 - 0.5 / total[1])
-    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=place, frameon=False)
+    legend = figure.legend(handles=handles, loc="upper left", bbox_to_anchor=place, frameon=False)
+    for text in legend.get_texts():
+        text.set_parse_math(False)  # names of files hold dollars
     return figure
 
 
@@ -98,7 +113,7 @@ def _inches(size: np.ndarray) -> tuple[float, float]:
 def _draw_level(axes: Axes, detection: Detection, level: Level, limits: tuple, shown: list) -> list:
     """Draw one storey; returns what its legend needs."""
     drawing = detection.drawing
-    base = np.round(drawing.origin) if np.abs(drawing.origin).max() > FAR_ORIGIN else np.zeros(3)
+    base = base_of(drawing)
     shift = (drawing.origin - base)[:2]
     entries = list(_draw_surfaces(axes, detection, level, limits, shift))
     entries += _draw_slice(axes, detection, level, shift)

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.verdicts.results import Detection, Mismatch
+from jaxmm.verdicts.results import Detection, Drawing, Mismatch
 
 CUT = 1.2  # [m] above the floor: through doors and windows, as plans are drawn
 STOREY = 1.5  # [m] between the heights of sensors that stand on different storeys
+FAR_ORIGIN = 1e4  # [m] beyond this, axes count from nearby: labels of seven digits cannot be read
 AROUND = 1.0  # [m] left free about all that is of interest
 
 
@@ -19,6 +20,11 @@ class Level(NamedTuple):
 
     scans: tuple[int, ...]  # their numbers
     floor: float  # z offset [m]
+
+
+def base_of(drawing: Drawing) -> np.ndarray:
+    """(3,) [m] from which the axes of a plan count: the world's origin, or whole metres near to what is drawn."""
+    return np.round(drawing.origin) if np.abs(drawing.origin).max() > FAR_ORIGIN else np.zeros(3)
 
 
 def levels_of(detection: Detection) -> list[Level]:

@@ -12,13 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from jaxmm.reports.figures import BLACK, COLOR_ADDED, COLOR_REMOVED, UNDATED, styled
+from jaxmm.reports.figures import BLACK, COLOR_ADDED, COLOR_DISPLACED, COLOR_REMOVED, UNDATED, styled
 from jaxmm.reports.markdown import chance
 from jaxmm.verdicts.results import Detection, Drawing, Mismatch, Pose
 
 FIELD_OF_VIEW = 60.0  # [deg] upright; viewers of BCF are only sure to know 45 to 60
 ASPECT_RATIO = 4 / 3  # width over height
-COLORS = {"added": COLOR_ADDED, "removed": COLOR_REMOVED}  # of boxes, and of points that surely changed
+# Of boxes, and of points that surely changed.
+COLORS = {"added": COLOR_ADDED, "removed": COLOR_REMOVED, "displaced": COLOR_DISPLACED}
 EDGES = np.array([(a, b) for a in range(8) for b in range(8) if a < b and (a ^ b) in (1, 2, 4)])  # (12, 2) corners
 _FACES = np.array([(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)])
 _INCHES = (6.4, 4.8)
@@ -108,8 +109,8 @@ def stepped_back(camera: Camera, corners: np.ndarray) -> tuple[Camera, float]:
 
 
 @styled
-def snapshot(drawing: Drawing, mismatch: Mismatch, camera: Camera) -> bytes:
-    """A PNG of 640 x 480 pixels of one mismatch: its box, and what robot and prior have around it.
+def snapshot(drawing: Drawing, mismatch: Mismatch, camera: Camera, caption: str | None = None) -> bytes:
+    """A PNG of 640 x 480 pixels of one mismatch or displaced element: its box, and what robot and prior have there.
 
     Robot points go from grey to the colour of added objects with their probability, points of the prior to that of
     removed ones. What is nearer hides what is farther, but never the box. A box that is too wide is seen from as far
@@ -128,7 +129,9 @@ def snapshot(drawing: Drawing, mismatch: Mismatch, camera: Camera) -> bytes:
     for width, ink in ((4.2, "white"), (2.2, color)):  # all rims first: they must not cover other edges
         for edge in EDGES:
             axes.plot(*place[edge].T, color=ink, linewidth=width)
-    _write_words(axes, mismatch)
+    _write_words(
+        axes, caption or f"{mismatch.object_type} {mismatch.mismatch_type}, probability {chance(mismatch.probability)}"
+    )
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=_DPI, metadata=UNDATED[".png"])
     return file.getvalue()
@@ -171,10 +174,9 @@ def _colors(depth: np.ndarray, share: np.ndarray, word: str, change: str) -> np.
     return grey + share[:, None] * (np.array(to_rgb(COLORS[change])) - grey)
 
 
-def _write_words(axes: Axes, mismatch: Mismatch) -> None:
+def _write_words(axes: Axes, caption: str) -> None:
     back = {"facecolor": "white", "alpha": 0.88, "linewidth": 0, "pad": 4}
-    text = f"{mismatch.object_type} {mismatch.mismatch_type}, probability {chance(mismatch.probability)}"
-    axes.text(-0.97, 0.95, text, va="top", fontsize=13, color=BLACK, weight="bold", bbox=back)
+    axes.text(-0.97, 0.95, caption, va="top", fontsize=13, color=BLACK, weight="bold", bbox=back)
     for row, (word, color) in enumerate(
         (
             ("measured by the robot", (0.45,) * 3),

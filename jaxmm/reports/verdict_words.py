@@ -1,9 +1,13 @@
 """What the verdicts and the evidence mean, in plain words: every report, page and figure takes them from here."""
 
-from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
 VERDICT_WORDS: dict[str, str] = {
     PRESENT: "The scan met the element where the model has it.",
+    DISPLACED: (
+        "The element stands, but off the place that the model gives it: by more than its tolerance, and by more than "
+        "the measurement leaves open."
+    ),
     REMOVED: "The scan looked through the place where the model has the element: it is not there any more.",
     OCCLUDED: (
         "The scanner was turned to the element, but other things stood in between, or too little of it was met to "

@@ -5,10 +5,19 @@ import pytest
 
 from jaxmm.verdicts.verdicts import VERDICTS
 from tests.cases.detections import true_case
+from tests.cases.displaced import with_displaced
 from tests.cases.pages import EVIL, Page, as_cloud, changed_share, hostile, open_browser, points_on
 
 PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
-SHOWN = {"surface": True, "prior": True, "robot": True, "boxes": True, "frustum": True, "ceiling": False}
+SHOWN = {
+    "surface": True,
+    "prior": True,
+    "robot": True,
+    "boxes": True,
+    "arrows": True,
+    "frustum": True,
+    "ceiling": False,
+}
 AREA = "const a = document.getElementById('canvas').getBoundingClientRect(); return [a.x, a.y, a.width, a.height]"
 SET = """
 const one = document.getElementById(arguments[0]);
@@ -37,7 +46,7 @@ def test_browser_draws_and_layers_change_the_picture(driver, case, tmp_path):
         assert len(np.unique(all_on.reshape(-1, 3), axis=0)) > 200
         layers = page.run("return window.jaxmm.layers")
         assert layers == SHOWN
-        for layer in layers:
+        for layer in [name for name in layers if name != "arrows"]:  # nothing of it is displaced
             page.run("document.getElementById(`layer-${arguments[0]}`).click()", layer)
             assert changed_share(all_on, page.picture()) > 1e-3, layer
             page.run("window.jaxmm.layers[arguments[0]] = arguments[1]", layer, layers[layer])
@@ -51,6 +60,20 @@ def test_browser_draws_and_layers_change_the_picture(driver, case, tmp_path):
         assert changed_share(all_on, page.picture()) > 0.05
         assert case.detection.summary() in page.driver.title
         assert all(line in page.text("mismatches") for line in case.detection.sentences)
+
+
+def test_browser_points_at_what_is_displaced_and_colours_by_it(driver, case, tmp_path):
+    with Page(driver, tmp_path / "report.html", with_displaced(case.detection, distance=0.1)) as page:
+        page.run("document.getElementById('labels').hidden = true")
+        all_on = page.picture()
+        page.run("document.getElementById('layer-arrows').click()")
+        assert changed_share(all_on, page.picture()) > 0.0
+        page.run("document.getElementById('layer-arrows').click()")
+        page.run(SET, "tinting", "deviation", "change")
+        coloured = page.picture()
+        assert changed_share(all_on, coloured) > 1e-3 and "100 mm" in page.text("legend")
+        page.run(SET, "tolerance", "100", "input")
+        assert changed_share(coloured, page.picture()) > 0.0 and page.text("off-counts").startswith("0 of ")
 
 
 def test_browser_does_not_call_sure_what_is_nearly_sure(driver, case, tmp_path):
@@ -197,6 +220,10 @@ def test_browser_fits_a_phone(driver, case, tmp_path):
     try:
         with Page(driver, tmp_path / "report.html", hostile(case.detection)) as page:
             assert page.run("return document.documentElement.scrollWidth") <= 390
+            fingers = "return getComputedStyle(document.getElementById('canvas')).touchAction"
+            assert page.run(fingers) == "pan-y"
+            page.run("document.getElementById('canvas').focus()")
+            assert page.run(fingers) == "none"
             assert page.picture().shape[1] > 700  # two pixels of the screen for each of the page
             x, y, width, height = page.run(AREA)
             middle = np.array([x + width / 2, y + height / 2])

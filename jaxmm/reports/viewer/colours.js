@@ -6,10 +6,12 @@ const REMOVED = "#d55e00";
 /** By verdict: its colour, how strongly its surfaces are filled, and a sign for where colour is not seen. */
 const VERDICTS = {
   removed: { tint: REMOVED, fill: 0.26, sign: "×" },
+  displaced: { tint: "#e69f00", fill: 0.3, sign: "↔" },
   occluded: { tint: "#cc79a7", fill: 0.2, sign: "◐" },
   unscanned: { tint: "#767d85", fill: 0.08, sign: "?" },
   present: { tint: "#009e73", fill: 0.11, sign: "✓" },
 };
+const ARROW = "#a35c00"; // of offsets: that of displaced elements, darker, for lines are thin
 const NO_VERDICT = { tint: "#98a1aa", fill: 0.05, sign: "–" };
 /** By what most rays did; each in the colour of the verdict that it speaks for. */
 const EVIDENCE = { through: REMOVED, support: "#009e73", blocked: "#cc79a7", unseen: "#767d85" };
@@ -22,7 +24,17 @@ const SCANS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00",
 const MODES = ["probability", "evidence", "scan"];
 
 const scanTint = (scan) => (report.scans.length > 1 ? SCANS[scan % SCANS.length] : INK);
-const lookOf = (guid) => VERDICTS[verdictOfGuid.get(guid)?.verdict] ?? NO_VERDICT;
+/** What elements may be coloured by: their verdict, or how far off its place each stands. */
+const TINTINGS = ["verdict", "deviation"];
+/** What they are coloured by now; the controls change it. The tolerance [m] matters to deviations only. */
+const tinting = { by: "verdict", tolerance: data.tolerance };
+const OFF_SCALE = offScale(data.deviations); // [m]
+
+function lookOf(guid) {
+  const off = offOfGuid.get(guid) ?? null;
+  if (tinting.by === "deviation") return offLook(off, tinting.tolerance, OFF_SCALE) ?? NO_VERDICT;
+  return VERDICTS[verdictOfGuid.get(guid)?.verdict] ?? NO_VERDICT;
+}
 
 /** "#rrggbb" to [r, g, b] in 0..1. */
 function rgb(hex) {

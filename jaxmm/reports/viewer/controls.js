@@ -43,11 +43,14 @@ function steer(canvas, camera, moved, clicked) {
   const lifted = (event) => {
     const last = fingers.delete(event.pointerId) && !fingers.size;
     if (last) canvas.classList.remove("dragging");
-    if (last && event.type === "pointerup" && event.button === 0 && walked < 5) clicked(event.offsetX, event.offsetY);
-    else if (fingers.size) walked = 1e3; // what remains of a pinch is no click
+    if (last && event.type === "pointerup" && event.button === 0 && walked < 5) {
+      canvas.focus({ preventScroll: true }); // from now on one finger turns; before, it scrolls the page
+      clicked(event.offsetX, event.offsetY);
+    } else if (fingers.size) walked = 1e3; // what remains of a pinch is no click
   };
   canvas.addEventListener("pointerup", lifted);
   canvas.addEventListener("pointercancel", lifted);
+  document.addEventListener("pointerdown", (event) => { if (event.target !== canvas) canvas.blur(); });
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
@@ -68,7 +71,8 @@ function steer(canvas, camera, moved, clicked) {
 function showControls(state, changed) {
   const has = {
     surface: data.has_surface && triangleCount > 0, prior: arrays.prior.length > 0, robot: arrays.robot.length > 0,
-    boxes: report.mismatches.length > 0, frustum: report.scans.length > 0, ceiling: true,
+    boxes: report.mismatches.length > 0, arrows: data.deviations.some((one) => one !== null),
+    frustum: report.scans.length > 0, ceiling: true,
   };
   const boxes = Object.fromEntries(Object.keys(state.layers).map((layer) => {
     const box = make("input", { type: "checkbox", id: `layer-${layer}`, disabled: !has[layer] });
@@ -94,6 +98,26 @@ function showControls(state, changed) {
   };
 }
 
+/** What elements are coloured by, the tolerance of offsets and what is beyond it; `changed` follows every change. */
+function showTinting(changed) {
+  const [by, slider] = [byId("tinting"), byId("tolerance")];
+  by.append(...TINTINGS.map((name) => make("option", { value: name }, name)));
+  by.addEventListener("change", () => { tinting.by = by.value; changed(); });
+  const steps = 1000 * Math.max(0.1, OFF_SCALE, tinting.tolerance);
+  Object.assign(slider, { min: "0", max: String(Math.ceil(steps)), step: "1" });
+  slider.addEventListener("input", () => { tinting.tolerance = Number(slider.value) / 1000; changed(); });
+  byId("tinting-label").hidden = !data.deviations.some((one) => one !== null);
+  return () => {
+    by.value = tinting.by;
+    slider.value = String(Math.round(1000 * tinting.tolerance));
+    byId("off").hidden = tinting.by !== "deviation";
+    byId("tolerance-text").textContent = `${slider.value} mm`;
+    const { measured, beyond, open } = offCounts(data.deviations, tinting.tolerance);
+    byId("off-counts").textContent =
+      `${count(beyond)} of ${plural(measured, "measured element")} surely beyond it, ${count(open)} perhaps`;
+  };
+}
+
 function layerWords(layer) {
   const [robot, prior] = [arrays.robot, arrays.prior].map((points) => count(points.length / 3));
   return {
@@ -101,6 +125,7 @@ function layerWords(layer) {
     prior: `model points (${prior})`,
     robot: `robot points (${robot})`,
     boxes: `boxes of mismatches (${count(report.mismatches.length)})`,
+    arrows: `arrows of displaced elements (${count(displacedElements.length)}), ${arrowsLong} times as long`,
     frustum: "sensors and their fields of view",
     ceiling: "ceiling and other storeys",
   }[layer];

@@ -23,6 +23,12 @@ const offsetOf = (place) => [0, 1, 2].map((axis) => place[axis] - data.origin[ax
 const elementCount = data.guid.length;
 const indexOfGuid = new Map(data.guid.map((guid, index) => [guid, index]));
 const verdictOfGuid = new Map(report.elements.map((one) => [one.guid, one]));
+const offOfGuid = new Map(report.elements.map((one, index) => [one.guid, data.deviations[index]]));
+/** Elements that stand off their places, the worst first. */
+const displacedElements = report.elements
+  .filter((one) => one.verdict === "displaced" && offOfGuid.get(one.guid))
+  .sort((a, b) => surelyOff(offOfGuid.get(b.guid)) - surelyOff(offOfGuid.get(a.guid)));
+const arrowsLong = arrowTimes(displacedElements.map((one) => offOfGuid.get(one.guid))); // times the offsets
 const mismatchOfGuid = new Map();
 report.mismatches.forEach((one, index) => {
   if (one.element !== null) mismatchOfGuid.set(one.element, index);

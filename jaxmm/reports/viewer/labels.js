@@ -1,7 +1,9 @@
 // Names that stand over the picture, at the places of boxes, sensors and axes, and the scale.
 
+const MOST_OFFSETS = 40; // labels of displaced elements, the worst first
+
 /** The labels of a page: {node, place, shown, mismatch} each; place() [m] is null while there is none. */
-function makeLabels(state, actions, grid) {
+function makeLabels(state, actions, { grid, bounds }) {
   const add = (node, place, shown, mismatch = null) => {
     byId("labels").append(node);
     return { node, place, shown, mismatch };
@@ -24,7 +26,13 @@ function makeLabels(state, actions, grid) {
     const top = () => heights(one, state.layers.ceiling ? Infinity : state.cut)[1];
     return add(node, () => [x, y, top()], () => state.layers.boxes, index);
   });
-  return [...axes, ...sensors, proposal, ...boxes];
+  const offsets = displacedElements.slice(0, MOST_OFFSETS).flatMap((one) => {
+    const [, tip] = arrowOf(one.guid, bounds)[0] ?? [];
+    const click = () => { actions.choose(one.guid); actions.look(); };
+    const node = make("button", { class: "displaced", tabindex: "-1", click }, millimetres(offOfGuid.get(one.guid)));
+    return tip ? [add(node, () => tip, () => state.layers.arrows)] : [];
+  });
+  return [...axes, ...sensors, proposal, ...offsets, ...boxes];
 }
 
 /** Move the labels to where their places are on a screen of this size [CSS pixel]; those out of view are hidden. */

@@ -3,7 +3,10 @@
 const BACKGROUND = rgb("#f5f6f8");
 const POINT_WIDTH = 0.04; // [m]
 
-/** The painter of a context: fixed buffers now, `draw` for every picture, `cutAt` and `proposed` where things move. */
+/**
+ * The painter of a context: fixed buffers now, `draw` for every picture; `cutAt`, `proposed`, `tinted` and `pointedAt`
+ * where levels, colours or what is chosen change.
+ */
 function painterOf(gl) {
   const programs = {
     surface: linked(gl, SURFACE_SHADERS),
@@ -20,6 +23,7 @@ function painterOf(gl) {
     gl, programs, bounds, grid, edgeStarts: edges.starts,
     surface: surfaceItem(gl, programs),
     edges: lineItem(gl, programs, edges.lines),
+    arrows: lineItem(gl, programs, []),
     plan: lineItem(gl, programs, []),
     grid_: lineItem(gl, programs, grid.lines),
     boxes: [],
@@ -43,6 +47,14 @@ function painterOf(gl) {
       lines: lineItem(gl, programs, marks.lines, painter.proposal?.lines),
       solid: solidItem(gl, programs, marks.triangles, "#e69f00", 1, painter.proposal?.solid),
     };
+  };
+  painter.tinted = () => {
+    gl.bindBuffer(gl.ARRAY_BUFFER, painter.surface.buffers[1]);
+    gl.bufferData(gl.ARRAY_BUFFER, tintsOf(), gl.STATIC_DRAW);
+    painter.edges = lineItem(gl, programs, inked(edges).lines, painter.edges);
+  };
+  painter.pointedAt = (guids) => {
+    painter.arrows = lineItem(gl, programs, offsetArrows(guids, bounds), painter.arrows);
   };
   painter.draw = (state, view) => draw(painter, state, view);
   return painter;
@@ -82,8 +94,7 @@ function triangleItem(gl, programs, place, tint, old = null) {
 }
 
 function surfaceItem(gl, programs) {
-  const { place, tint } = trianglesOf();
-  return triangleItem(gl, programs, place, tint);
+  return triangleItem(gl, programs, cornersOf(), tintsOf());
 }
 
 function solidItem(gl, programs, numbers, hex, opacity, old = null) {
@@ -135,6 +146,11 @@ function draw(painter, state, view) {
   if (element !== undefined) drawChosen(painter, element, view);
   const whole = { ...view, between: EVERYWHERE }; // boxes are cut already, and sensors may stand above it
   if (state.layers.boxes) painter.boxes.forEach((box, index) => drawBox(painter, box, index === state.mismatch, whole));
+  if (state.layers.arrows) {
+    gl.disable(gl.DEPTH_TEST); // they begin inside of what moved
+    drawLines(painter, painter.arrows, whole, 3);
+    gl.enable(gl.DEPTH_TEST);
+  }
   if (state.layers.frustum) {
     const shown = painter.sensors.filter((_, scan) => !state.hidden.has(scan));
     for (const sensor of painter.proposal ? [...shown, painter.proposal] : shown) {

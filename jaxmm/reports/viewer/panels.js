@@ -1,5 +1,7 @@
 // The words around the 3D view: what is chosen, the mismatches, the legend, what words mean, and the details.
 
+const MOST_DISPLACED = 100; // listed beside the view; the table has all
+
 /** The panel of the chosen element or mismatch; empty when nothing is chosen. */
 function showChosen(state, actions) {
   const panel = byId("chosen");
@@ -52,7 +54,30 @@ function elementNodes(guid, named) {
     ["P(removed)", chance(one.probability)],
     ["next view", one.next_view ? poseWords(one.next_view) : null],
   ]);
-  return [rows, make("p", { class: "quiet" }, data.words.verdicts[one.verdict] ?? ""), ...evidenceNodes(one.evidence)];
+  const meaning = make("p", { class: "quiet" }, data.words.verdicts[one.verdict] ?? "");
+  return [rows, meaning, ...offsetNodes(one), ...evidenceNodes(one.evidence)];
+}
+
+/** How far off its place an element stands; nothing of one that was not measured. */
+function offsetNodes(one) {
+  const [told, off] = [one.deviation, offOfGuid.get(one.guid)];
+  if (!told || !off) return [];
+  const inMillimetres = (value) => (1000 * value).toFixed(off.half < 0.0005 ? 1 : 0);
+  const axes = ["x", "y", "z"].map((name, axis) => {
+    const span = told.interval[axis];
+    if (span === null) return [name, "nothing that was seen fixes it"];
+    return [name, `${inMillimetres(told.offset[axis])} mm (${span.map(inMillimetres).join(" to ")})`];
+  });
+  const angle = (value) => (value === null ? null : `${value.toFixed(2)}°`);
+  return [
+    pairs([
+      ["off its place", off.words], ...axes, ["turned", angle(told.turn)], ["leans", angle(told.lean)],
+      ["flatness", told.flatness === null ? null : `${(1000 * told.flatness).toFixed(1)} mm`],
+      ["classes", `${told.classes.loa}, DIN 18202: ${told.classes.din18202}`],
+      ["told by", plural(told.rays, "ray")],
+    ]),
+    make("p", { class: "quiet" }, `${data.words.interval} ${data.words.north}`),
+  ];
 }
 
 /** A bar and the numbers of what the rays towards an element did. */
@@ -89,6 +114,21 @@ function showMismatches(state, actions) {
   byId("mismatches").replaceChildren(...(rows.length ? rows : [make("li", {}, "No mismatch was found.")]));
 }
 
+/** The displaced elements, the worst first. */
+function showDisplaced(state, actions) {
+  byId("displaced").hidden = !displacedElements.length;
+  const rows = displacedElements.slice(0, MOST_DISPLACED).map((one) => {
+    const chosen = one.guid === state.guid;
+    const click = () => { actions.choose(one.guid); actions.look(); };
+    const look = { class: `displaced${chosen ? " chosen" : ""}`, click, "aria-pressed": String(chosen) };
+    return make("li", {}, make("button", look, offOfGuid.get(one.guid).sentence));
+  });
+  byId("displaced-list").replaceChildren(...rows);
+  const left = displacedElements.length - rows.length;
+  const more = left > 0 ? `And ${count(left)} more, in the table. ` : "";
+  byId("displaced-words").textContent = more + data.words.north;
+}
+
 /** What the colours of the view mean, for the colouring that is chosen. */
 function showLegend(state) {
   const group = (title, rows) => {
@@ -118,7 +158,14 @@ function showLegend(state) {
     const rows = report.scans.map((one, scan) => [swatch(scanTint(scan), "dot"), `scan ${scan + 1}: ${one.file}`]);
     groups.push(group("Points", [...rows, [swatch(PRIOR_RAMP[0], "square"), "model"]]));
   }
-  if (data.has_surface) {
+  if (data.has_surface && tinting.by === "deviation") {
+    const end = Math.round(1000 * OFF_SCALE);
+    groups.push(group("Elements, by how far off their places", [
+      [ramp(OFF_RAMP), `from −${end} mm, away from the scanner, over 0 to +${end} mm, toward it`],
+      [null, "Filled strongly: surely beyond the tolerance. Hardly filled: within it, or open."],
+      [swatch(NO_VERDICT.tint), "not measured"],
+    ]));
+  } else if (data.has_surface) {
     const rows = Object.entries(VERDICTS).map(([name, look]) => [verdictBadge(name), ""]);
     groups.push(group("Elements", [...rows, [verdictBadge(undefined), ""]]));
   }

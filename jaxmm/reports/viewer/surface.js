@@ -3,19 +3,24 @@
 const triangleCount = arrays.faces.length / 3;
 const corner = (triangle, k) => 3 * arrays.faces[3 * triangle + k]; // where its coordinates begin in `vertices`
 
-/** Corners of all triangles one after the other, with the colour of each: what the graphics card draws. */
-function trianglesOf() {
+/** Corners of all triangles one after the other: what the graphics card draws. */
+function cornersOf() {
   const place = new Float32Array(9 * triangleCount);
-  const tint = new Uint32Array(3 * triangleCount);
   for (let i = 0; i < 3 * triangleCount; i++) {
     const from = 3 * arrays.faces[i];
     for (let axis = 0; axis < 3; axis++) place[3 * i + axis] = arrays.vertices[from + axis];
   }
+  return place;
+}
+
+/** The colour of each of those corners. */
+function tintsOf() {
+  const tint = new Uint32Array(3 * triangleCount);
   data.guid.forEach((guid, element) => {
     const look = lookOf(guid);
     tint.fill(packed(look.tint, look.fill), 3 * arrays.first[element], 3 * arrays.first[element + 1]);
   });
-  return { place, tint };
+  return tint;
 }
 
 /** Lowest and highest corner of every element, six numbers each. */
@@ -84,13 +89,20 @@ function edgeLines() {
   const lines = [];
   const starts = [0];
   const place = (vertex) => arrays.vertices.subarray(3 * vertex, 3 * vertex + 3);
-  data.guid.forEach((guid, element) => {
-    const judged = verdictOfGuid.has(guid);
-    const ink = packed(lookOf(guid).tint, judged ? 0.75 : 0.35);
-    for (const [a, b] of edgesOf(element, same)) addLine(lines, place(a), place(b), ink);
+  for (let element = 0; element < elementCount; element++) {
+    for (const [a, b] of edgesOf(element, same)) addLine(lines, place(a), place(b), 0);
     starts.push(lines.length / LINE);
+  }
+  return inked({ lines, starts });
+}
+
+/** The same edges in the colours that their elements have now. */
+function inked(edges) {
+  data.guid.forEach((guid, element) => {
+    const ink = packed(lookOf(guid).tint, verdictOfGuid.has(guid) ? 0.75 : 0.35);
+    for (let line = edges.starts[element]; line < edges.starts[element + 1]; line++) edges.lines[LINE * line + 6] = ink;
   });
-  return { lines, starts };
+  return edges;
 }
 
 /** Lines along which the level z [m] cuts the elements: the floor plan that stays when the view is cut. */

@@ -6,15 +6,23 @@ const COLUMNS = [
   ["name", "name", null],
   ["class", "", (one) => one.ifc_class],
   ["storey", "", (one) => one.storey],
+  ["off [mm]", "number", (one) => offCell(offOfGuid.get(one.guid))],
   ["P(removed)", "number", (one) => chance(one.probability)],
   ...Object.keys(EVIDENCE).map((name) => [name, "number", (one) => count(one.evidence[name])]),
   ["GlobalId", "", (one) => make("code", {}, one.guid)],
 ];
 
+const offCell = (off) => (off ? (1000 * off.distance).toFixed(1) : "");
+
 /** What asks most for attention comes first. */
 function orderedElements() {
   const rank = Object.keys(VERDICTS);
-  const order = (a, b) => rank.indexOf(a.verdict) - rank.indexOf(b.verdict) || b.probability - a.probability;
+  const off = (one) => {
+    const told = one.verdict === "displaced" && offOfGuid.get(one.guid);
+    return told ? surelyOff(told) : 0;
+  };
+  const order = (a, b) =>
+    rank.indexOf(a.verdict) - rank.indexOf(b.verdict) || off(b) - off(a) || b.probability - a.probability;
   return [...report.elements].sort(order);
 }
 

@@ -1,7 +1,7 @@
 // Joins it all: the state, the camera, the painter, the panels, and the hook window.jaxmm.
 
 const state = {
-  layers: { surface: true, prior: true, robot: true, boxes: true, frustum: true, ceiling: false },
+  layers: { surface: true, prior: true, robot: true, boxes: true, arrows: true, frustum: true, ceiling: false },
   mode: "probability",
   cut: data.frame.cut, // [m] above it nothing is drawn, unless the ceiling is
   hidden: new Set(), // scans
@@ -102,7 +102,23 @@ const actions = {
 
 function choose(guid, mismatch) {
   Object.assign(state, { guid, mismatch });
-  if (painter) painter.proposed(verdictOfGuid.get(guid)?.next_view ?? null);
+  if (painter) {
+    painter.proposed(verdictOfGuid.get(guid)?.next_view ?? null);
+    painter.pointedAt(pointedAt());
+  }
+  refresh();
+}
+
+/** What has an arrow: displaced elements, and the chosen one if it was measured. */
+function pointedAt() {
+  const guids = new Set(displacedElements.map((one) => one.guid));
+  return state.guid === null ? guids : guids.add(state.guid);
+}
+
+/** Elements are coloured anew, by what `tinting` says now. */
+function retint() {
+  if (painter) painter.tinted();
+  planned = null;
   refresh();
 }
 
@@ -123,9 +139,11 @@ function clicked(x, y) {
 function refresh() {
   showChosen(state, actions);
   showMismatches(state, actions);
+  showDisplaced(state, actions);
   showLegend(state);
   markRow(state.guid);
   syncControls();
+  syncTinting();
   redraw();
 }
 
@@ -156,6 +174,7 @@ function openHook() {
     webgl: painter !== null,
     select: (guid) => (guid === null ? actions.clear() : actions.choose(guid)),
     selectMismatch: actions.chooseMismatch,
+    tinting,
     /** Where a world position is in the window [CSS pixel]; null behind the eye. */
     project(place) {
       const [x, y, w] = projected(matrixOf(camera, aspect(), reach), offsetOf(place));
@@ -171,13 +190,15 @@ function openHook() {
   Object.defineProperties(window.jaxmm, Object.getOwnPropertyDescriptors(hook));
 }
 
-const labels = painter ? makeLabels(state, actions, painter.grid) : [];
+const labels = painter ? makeLabels(state, actions, painter) : [];
 const markRow = tableOf(actions);
 const syncControls = showControls(state, refresh);
+const syncTinting = showTinting(retint);
 steer(canvas, () => camera, move, clicked);
 showCameras();
 showDetails();
 openHook();
+if (painter) painter.pointedAt(pointedAt());
 new ResizeObserver(redraw).observe(canvas);
 refresh();
 window.jaxmm.ready = true;

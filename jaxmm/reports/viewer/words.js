@@ -24,6 +24,8 @@ function typeWords(one) {
   return `${one.object_type} ${chance(one.type_probability)}, ${other} ${chance(1 - one.type_probability)}`;
 }
 const metres = (values) => `${values.map((value) => value.toFixed(2)).join("  ")} m`;
+/** A measured offset, without sign: "23 mm". */
+const millimetres = (one) => `${(1000 * Math.abs(one.distance)).toFixed(one.half < 0.0005 ? 1 : 0)} mm`;
 const capital = (word) => word.charAt(0).toUpperCase() + word.slice(1);
 
 // What is nearly sure is not rounded to sure.
@@ -58,8 +60,8 @@ function swatch(tint, kind = "") {
 }
 
 /** Colours from none to all of something. */
-function ramp([none, all]) {
-  return swatch(`linear-gradient(to right, ${none}, ${all})`, "ramp");
+function ramp(colours) {
+  return swatch(`linear-gradient(to right, ${colours.join(", ")})`, "ramp");
 }
 
 /** Pairs of a word and what it stands for; gaps are left out. */

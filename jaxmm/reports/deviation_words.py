@@ -1,0 +1,134 @@
+"""How far off its place an element stands, in words: every report, page and table takes them from here.
+
+World frame of the prior: metres, z up. North is +y of that frame, and east +x.
+"""
+
+import math
+import re
+from collections.abc import Iterable
+
+import numpy as np
+
+from jaxmm.deviations.deviation import Deviation
+from jaxmm.verdicts.results import ElementVerdict
+from jaxmm.verdicts.verdicts import DISPLACED
+
+INTERVAL_WORDS = (
+    "In brackets stands between what the measurement leaves open, in 95 of 100 cases: the errors of the ranges, how "
+    "flat the faces are, and what is open of the scanner's pose."
+)
+NORTH_WORDS = "North is +y of the model's frame and east +x, whatever the site's own north is."
+SIGN_WORDS = "An offset is positive toward the scanner, negative away from it."
+COMPASS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")  # from +x on
+NEAR = math.cos(math.radians(22.5))  # of a direction to one that has a word
+LEAST_SECOND = 0.005  # [m] of an offset along the faces that tell less, to be worth words
+FINE = 0.0005  # [m] half an interval, below which a tenth of a millimetre is told
+_PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z][a-z]*|[0-9]+")
+_VARIANTS = ("StandardCase", "ElementedCase")  # of the classes of IFC, which are the same things
+
+
+def kind_of_class(ifc_class: str) -> str:
+    """What people call an element of a class: "wall", "curtain wall"; "element" of a mesh, which has no classes."""
+    name = ifc_class.removeprefix("Ifc")
+    for variant in _VARIANTS:
+        name = name.removesuffix(variant)
+    return " ".join(_PARTS.findall(name)).lower() or "element"
+
+
+def measured(elements: Iterable[ElementVerdict]) -> list[ElementVerdict]:
+    """Those whose place was measured, the worst first: displaced ones, then by how far they are surely off."""
+
+    def rank(one: ElementVerdict) -> tuple[float, ...]:
+        keys = (surely_off(one.deviation), abs(one.deviation.distance))
+        return one.verdict != DISPLACED, *(-key if math.isfinite(key) else math.inf for key in keys)
+
+    return sorted((one for one in elements if one.deviation is not None), key=rank)
+
+
+def displaced(elements: Iterable[ElementVerdict]) -> list[ElementVerdict]:
+    """Those that stand off their places, the worst first."""
+    return [one for one in measured(elements) if one.verdict == DISPLACED]
+
+
+def surely_off(one: Deviation) -> float:
+    """How far off its place it stands at least [m]; 0 where its interval holds its place."""
+    return max(0.0, abs(one.distance) - one.half)
+
+
+def span_of(one: Deviation) -> tuple[float, float]:
+    """The 95 % interval of its distance [m]."""
+    return one.distance - one.half, one.distance + one.half
+
+
+def millimetres(value: float, half: float = math.inf) -> str:
+    """A length [m] in millimetres; with a tenth where half its interval [m] is below FINE; a dash where not finite."""
+    if not math.isfinite(value):
+        return "-"
+    digits = 1 if half < FINE else 0
+    return f"{round(1000.0 * value, digits) + 0.0:.{digits}f}"  # adding zero takes the sign off -0
+
+
+def way_of(direction: Iterable[float]) -> str:
+    """A direction in words: one of COMPASS, "up", "down", or its numbers where none is within 22.5 degrees."""
+    x, y, z = (float(value) for value in direction)
+    size = math.sqrt(x * x + y * y + z * z)
+    if not (math.isfinite(size) and size > 0.0):
+        return "in an unknown direction"
+    if abs(z) >= NEAR * size:
+        return "up" if z > 0.0 else "down"
+    if math.hypot(x, y) < NEAR * size:
+        return f"along ({x / size:.2f}, {y / size:.2f}, {z / size:.2f})"
+    return f"to the {COMPASS[round(math.degrees(math.atan2(y, x)) / 45.0) % 8]}"
+
+
+def offset_in_words(one: Deviation) -> str:
+    """Its offset: "23 mm (21 to 25) to the east"; with "and 40 mm (38 to 42) to the north" of one seen from two sides.
+
+    The second part is along what other faces fix. Its interval is no smaller than the true one: those along the axes
+    are added.
+    """
+    sign = -1.0 if one.distance < 0.0 else 1.0
+    parts = [_part(abs(one.distance), one.half, sign * np.asarray(one.direction, np.float64))]
+    with np.errstate(invalid="ignore"):  # whatever is not finite is told as a gap
+        rest = np.asarray(one.offset, np.float64) - one.distance * np.asarray(one.direction, np.float64)
+    size = float(np.linalg.norm(rest))
+    if math.isfinite(size) and size >= LEAST_SECOND:
+        halves = [0.0 if span is None else (span[1] - span[0]) / 2.0 for span in one.interval]
+        half = float(np.abs(rest / size) @ halves)
+        if size > half:
+            parts.append(_part(size, half, rest))
+    return " and ".join(parts)
+
+
+def _part(size: float, half: float, way: np.ndarray) -> str:
+    low, middle, high = (millimetres(value, half) for value in (size - half, size, size + half))
+    return f"{middle} mm ({low} to {high}) {way_of(way)}"
+
+
+def place_in_words(one: ElementVerdict) -> str:
+    """A sentence on an element that was measured: "The wall 'W-102' stands 23 mm (21 to 25) to the east of its place".
+
+    Names are as the file has them: whoever shows the sentence must escape it.
+    """
+    offset = offset_in_words(one.deviation)
+    for way, words in ((" up", " above"), (" down", " below")):
+        if offset.endswith(way):
+            offset = f"{offset.removesuffix(way)}{words} its place"
+            break
+    else:
+        offset += " of its place" if " to the " in offset.rpartition(")")[2] else " from its place"
+    return f"The {kind_of_class(one.ifc_class)} {(one.name or one.guid)!r} stands {offset}."
+
+
+def summary_of(elements: Iterable[ElementVerdict]) -> str:
+    """How many elements were measured, and how near to their places they stand; nothing where none was."""
+    told, count = measured(elements := tuple(elements)), len(elements)
+    off = np.abs([one.deviation.distance for one in told if math.isfinite(one.deviation.distance)])
+    if not len(off):
+        return ""
+    half, most = (millimetres(float(np.quantile(off, share))) for share in (0.5, 0.95))
+    were, stand = ("was", "stands") if len(told) == 1 else ("were", "stand")
+    return (
+        f"The place of {len(told)} of {count} elements {were} measured: half of them {stand} within {half} mm of the "
+        f"model, 95 % within {most} mm."
+    )
