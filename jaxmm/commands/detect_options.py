@@ -32,7 +32,8 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("prior", type=Path, metavar="PRIOR", help="building model: .ifc, a mesh, or a point cloud")
     command.add_argument(
         "scans", type=Path, nargs="+", metavar="SCAN",
-        help=".ply, .pcd, .e57, .las, .laz, .csv, .npy, .npz, .xyz, .txt or .asc; E57 may hold several",
+        help=".ply, .pcd, .e57, .ptx, .pts, .las, .laz, .csv, .npy, .npz, .xyz, .txt or .asc; E57, PTX and PTS "
+        "may hold several",
     )  # fmt: skip
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the reports")
     command.add_argument(

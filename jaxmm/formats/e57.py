@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling
+from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling, to_world
 from jaxmm.inputs import InputError
 
 PAGE, CONTENT = 1024, 1020  # [bytes] of a page, and before its checksum
@@ -18,10 +18,10 @@ SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 
 
 def read_e57(path: Path) -> list[RawScan]:
-    """All scans of a file that hold points.
+    """All scans of a file.
 
     Raises:
-        InputError: no scan with points, one without coordinates, or fewer points than promised.
+        InputError: one without coordinates, or fewer points than promised.
     """
     import pye57
 
@@ -59,18 +59,15 @@ def _scans(path: Path, file: Any) -> list[RawScan]:
     try:
         headers = [file.get_header(number) for number in range(file.scan_count)]
         check_swelling(path, sum(24 * max(header.point_count, 0) for header in headers))
-        found = [_scan(path, file.image_file, header) for header in headers if header.point_count]
+        found = [_scan(path, file.image_file, header) for header in headers]
     finally:
         file.close()
-    if not found:
-        raise InputError(f"{path}: expected at least one scan with points, found none in {len(headers)}")
-    if len(found) < len(headers):
-        remark = f"{len(headers) - len(found)} of {len(headers)} scans hold no points and are left out"
-        found[0] = found[0]._replace(remarks=(remark,))
     return found
 
 
 def _scan(path: Path, image: Any, header: Any) -> RawScan:
+    if not header.point_count:
+        return RawScan(np.zeros((0, 3)))
     check_count(path, header.point_count)
     axes = next((axes for axes in (CARTESIAN, SPHERICAL) if set(axes) <= set(header.point_fields)), None)
     if axes is None:
@@ -79,9 +76,7 @@ def _scan(path: Path, image: Any, header: Any) -> RawScan:
     if not header.has_pose():
         return RawScan(points)
     position, rotation = _pose(header.node)
-    for start in range(0, len(points), BLOCK):
-        block = slice(start, start + BLOCK)
-        points[block] = points[block] @ rotation.T + position
+    to_world(points, rotation, position)
     return RawScan(points, position, rotation, in_world=True)
 
 

@@ -4,7 +4,7 @@ N points. World frame of the file, in its units. Points arrive in blocks and lan
 points is never held twice; its memory is taken as it fills, so a lying header costs nothing.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -77,6 +77,48 @@ def filled(path: Path, count: int, blocks: Iterable[np.ndarray]) -> np.ndarray:
     if found < count:
         raise InputError(f"{path}: truncated: expected {count} points as its header promises, found {found}")
     return points
+
+
+class GrowingPoints:
+    """Points of a file that does not say how many it holds; the array grows in place, so it is never held twice."""
+
+    def __init__(self):
+        self._held, self._count = np.zeros((0, 3)), 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, block: np.ndarray) -> None:
+        """Take over a block (n, 3) of numbers."""
+        wanted, room = self._count + len(block), len(self._held)
+        if wanted > room:
+            self._held.resize((max(wanted, room + room // 8), 3), refcheck=False)
+        self._held[self._count : wanted] = block
+        self._count = wanted
+
+    def points(self) -> np.ndarray:
+        """(N, 3) float64: all of them; nothing may be appended any more."""
+        self._held.resize((self._count, 3), refcheck=False)
+        return self._held
+
+
+def axes_of(names: Sequence[str]) -> list[int] | None:
+    """Where x, y and z stand among the names of columns or fields; None where they do not stand there once each.
+
+    Where a file names both, capitals are the coordinates: small ones are then often pixels, or of another frame.
+    """
+    lower = [name.lower() for name in names]
+    for found, axes in ((names, "XYZ"), (names, "xyz"), (lower, "xyz")):
+        if all(found.count(axis) == 1 for axis in axes):
+            return [found.index(axis) for axis in axes]
+    return None
+
+
+def to_world(points: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> None:
+    """Take points (N, 3) from a sensor's frame to the world, in place and in blocks: they are never held twice."""
+    for start in range(0, len(points), BLOCK):
+        block = slice(start, start + BLOCK)
+        points[block] = points[block] @ rotation.T + position
 
 
 def records(file: object, kind: np.dtype, count: int, axes: tuple[str, ...] = ("x", "y", "z")) -> Iterable[np.ndarray]:

@@ -1,8 +1,9 @@
 """Scan files, read: the points of one scan or several, and where they were taken from if the file says so.
 
-PLY (ascii, binary), PCD (ascii, binary, compressed), E57 (several scans, with poses), LAS and LAZ, CSV (`;` or `,`),
-NPY and NPZ, XYZ text. N points. World frame of the file, in its units. Coordinates come as float64, as national grids
-need.
+PLY (ascii, binary), PCD (ascii, binary, compressed), E57 and PTX (several scans, with poses), LAS and LAZ, CSV (`;` or
+`,`), NPY and NPZ, XYZ and PTS text.
+
+N points. World frame of the file, in its units. Coordinates come as float64, as national grids need.
 """
 
 import warnings
@@ -17,6 +18,7 @@ from jaxmm.formats.e57 import read_e57
 from jaxmm.formats.las import read_las
 from jaxmm.formats.pcd import read_pcd
 from jaxmm.formats.ply import read_ply
+from jaxmm.formats.ptx import read_ptx
 from jaxmm.formats.raw_scans import RawScan
 from jaxmm.formats.text import read_text
 from jaxmm.inputs import InputError, one_line
@@ -24,9 +26,14 @@ from jaxmm.inputs import InputError, one_line
 READERS: dict[str, Callable[[Path], list[RawScan]]] = {
     ".ply": read_ply, ".pcd": read_pcd, ".e57": read_e57, ".las": read_las, ".laz": read_las, ".csv": read_text,
     ".npy": read_npy, ".npz": read_npz, ".xyz": read_text, ".txt": read_text, ".asc": read_text,
+    ".pts": read_text, ".ptx": read_ptx,
 }  # fmt: skip
 EXTRA = "needs the extra formats: pip install 'jaxmm[formats]'"
 FARTHEST = 1e12  # coordinates beyond are damage, and their squares would not fit
+
+
+class NoPoints(InputError):
+    """A scan in which nothing came back; beside others in a file it is left out."""
 
 
 class PointScan(NamedTuple):
@@ -40,7 +47,9 @@ class PointScan(NamedTuple):
 
 
 def read_scans(path: Path | str) -> list[PointScan]:
-    """All scans of a file; one, but for E57.
+    """All scans of a file; one, but for E57, PTX and PTS.
+
+    Scans without points beside others are left out, and the first one's remarks say so.
 
     Raises:
         InputError: one line that names the file and what is wrong with it: missing, of an unknown ending, of another
@@ -68,28 +77,53 @@ def read_scans(path: Path | str) -> list[PointScan]:
         raise InputError(f"{path}: promises more points than fit into memory") from error
     except Exception as error:  # libraries raise almost anything on a damaged file
         raise InputError(f"{path}: expected a whole {path.suffix} file: {_line(error)}") from error
-    return [_checked(path, found.pop(0)) for _ in range(len(found))]  # a large scan is let go when it is copied
+    return _with_points(path, found)
+
+
+def _with_points(path: Path, found: list[RawScan]) -> list[PointScan]:
+    """The scans that hold points, checked; `found` is emptied, as a large scan is let go when it is copied."""
+    count, kept, empty = len(found), [], InputError(f"{path}: expected at least one scan, found none")
+    for _ in range(count):
+        try:
+            kept.append(_checked(path, found.pop(0)))
+        except NoPoints as error:
+            empty = error
+    if not kept:
+        raise empty
+    if len(kept) < count:
+        left = f"{count - len(kept)} of {count} scans hold no points and are left out"
+        kept[0] = kept[0]._replace(remarks=(left, *kept[0].remarks))
+    return kept
 
 
 def _checked(path: Path, raw: RawScan) -> PointScan:
     points = np.asarray(raw.points, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"{path}: expected points of shape (N, 3), got {points.shape}")
-    finite = np.abs(points[:, 0]) < FARTHEST
-    for axis in (1, 2):
-        finite &= np.abs(points[:, axis]) < FARTHEST
-    if not finite.any():
-        raise InputError(f"{path}: expected points with finite coordinates, got none among {len(points)}")
-    lost = int((~finite).sum())
-    remarks = raw.remarks
-    if lost:
-        remarks += (f"{lost} of {len(points)} points have no finite coordinates and are left out",)
-        points = points[finite]
+    points, remarks = _returned(path, points)
     if all(np.ptp(points[:, axis]) == 0.0 for axis in range(3)):
-        raise InputError(f"{path}: expected points in space, got {len(points)} times the same one")
+        raise NoPoints(f"{path}: expected points in space, got {len(points)} times the same one")
     posed = raw.position is not None and np.isfinite(raw.position).all() and np.isfinite(raw.rotation).all()
     position, rotation = (raw.position, raw.rotation) if posed else (None, None)
-    return PointScan(points, position, rotation, remarks, posed and raw.in_world)
+    return PointScan(points, position, rotation, (*raw.remarks, *remarks), posed and raw.in_world)
+
+
+def _returned(path: Path, points: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """The points (N, 3) that are some, and what was left out: nothing came back there."""
+    there = np.abs(points[:, 0]) < FARTHEST
+    for axis in (1, 2):
+        there &= np.abs(points[:, axis]) < FARTHEST
+    if not there.any():
+        raise NoPoints(f"{path}: expected points with finite coordinates, got none among {len(points)}")
+    lost, remarks = int((~there).sum()), []
+    if lost:
+        remarks.append(f"{lost} of {len(points)} points have no finite coordinates and are left out")
+    # Rays without a return are often written as zeros; a thing that is measured there is hit there once.
+    zero = (points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0)
+    if 1 < (none := int(zero.sum())) < there.sum():
+        there &= ~zero
+        remarks.append(f"{none} of {len(points)} points are at 0, 0, 0, where nothing came back, and are left out")
+    return (points if there.all() else points[there]), tuple(remarks)
 
 
 def _line(error: Exception) -> str:

@@ -130,6 +130,17 @@ def xyz() -> ValidFile:
     return ValidFile(".xyz", "".join(f"{x} {y} {z} 0.5\n" for x, y, z in POINTS).encode())
 
 
+def pts() -> ValidFile:
+    return ValidFile(".pts", ("40\n" + "".join(f"{x} {y} {z} -1200 1 2 3\n" for x, y, z in POINTS)).encode())
+
+
+def ptx() -> ValidFile:
+    """Two scans of 40 points, with a ray without a return after each of them."""
+    head = "2\n40\n1 2 3\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n1 2 3 1\n"
+    scan = head + "".join(f"{x} {y} {z} 0.5\n0 0 0 0\n" for x, y, z in POINTS)
+    return ValidFile(".ptx", (2 * scan).encode())
+
+
 def npy() -> ValidFile:
     return ValidFile(".npy", _saved(".npy", lambda path: np.save(path, POINTS)))
 
@@ -236,6 +247,8 @@ SCANS: dict[str, Callable[[], ValidFile]] = {
     "csv-thesis": csv_thesis,
     "csv-commas": csv_commas,
     "xyz": xyz,
+    "pts": pts,
+    "ptx": ptx,
     "npy": npy,
     "npz-points": npz_points,
     "npz-rays": npz_rays,

@@ -16,7 +16,7 @@ from tests.cases.valid_files import PRIORS, SCANS
 from warp_scanner.buildings.files import read_building
 
 LIBRARIES = {"pcd": "pypcd4", "e57": "pye57", "las": "laspy", "laz": "lazrs"}
-TEXT = ("csv-thesis", "csv-commas", "xyz")  # may end after any line
+TEXT = ("csv-thesis", "csv-commas", "xyz", "pts", "ptx")  # may end after any line, or scan
 FEW = 50 << 20  # bytes that a refusal may take
 
 
@@ -64,7 +64,7 @@ def test_what_is_cut_off_is_refused(tmp_path, valid):
 def test_another_format_under_the_ending_is_refused(tmp_path, valid):
     _, file = valid
     endings = {".las": (".las", ".laz"), ".laz": (".las", ".laz")}
-    text = (".csv", ".xyz", ".txt", ".asc")
+    text = (".csv", ".xyz", ".txt", ".asc", ".pts")
     for ending in READERS:
         if (
             ending != file.ending
