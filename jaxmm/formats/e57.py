@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling, to_world
+from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling, returned, to_world
 from jaxmm.inputs import InputError
 
 PAGE, CONTENT = 1024, 1020  # [bytes] of a page, and before its checksum
@@ -75,9 +75,10 @@ def _scan(path: Path, image: Any, header: Any) -> RawScan:
     points = _points(path, image, header, axes)
     if not header.has_pose():
         return RawScan(points)
-    position, rotation = _pose(header.node)
+    points, none = returned(points)  # in the sensor's frame, where their zero is
+    position, rotation, remarks = _pose(header.node)
     to_world(points, rotation, position)
-    return RawScan(points, position, rotation, in_world=True)
+    return RawScan(points, position, rotation, (*remarks, *none), in_world=True)
 
 
 def _points(path: Path, image: Any, header: Any, axes: tuple[str, ...]) -> np.ndarray:
@@ -117,8 +118,8 @@ def _cartesian(block: np.ndarray, axes: tuple[str, ...]) -> np.ndarray:
     return np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)])
 
 
-def _pose(node: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Position and rotation of a scan; either may be left out of the file, and then there is none."""
+def _pose(node: Any) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Position and rotation of a scan, and a remark; either may be left out of the file, and then there is none."""
     from scipy.spatial.transform import Rotation
 
     def numbers(part: str, names: str, default: tuple[float, ...]) -> np.ndarray:
@@ -126,5 +127,8 @@ def _pose(node: Any) -> tuple[np.ndarray, np.ndarray]:
             return np.array(default)
         return np.array([float(node["pose"][part][name].value()) for name in names])
 
-    rotation = Rotation.from_quat(numbers("rotation", "xyzw", (0.0, 0.0, 0.0, 1.0))).as_matrix()
-    return numbers("translation", "xyz", (0.0, 0.0, 0.0)), rotation
+    position = numbers("translation", "xyz", (0.0, 0.0, 0.0))
+    quaternion = numbers("rotation", "xyzw", (0.0, 0.0, 0.0, 1.0))
+    if not quaternion.any():  # some write that for no rotation
+        return position, np.eye(3), ("the quaternion of its rotation is 0 0 0 0, which was taken for none",)
+    return position, Rotation.from_quat(quaternion).as_matrix(), ()

@@ -109,9 +109,22 @@ def axes_of(names: Sequence[str]) -> list[int] | None:
     """
     lower = [name.lower() for name in names]
     for found, axes in ((names, "XYZ"), (names, "xyz"), (lower, "xyz")):
-        if all(found.count(axis) == 1 for axis in axes):
-            return [found.index(axis) for axis in axes]
+        if all(axis in found for axis in axes):
+            once = all(found.count(axis) == 1 for axis in axes)
+            return [found.index(axis) for axis in axes] if once else None
     return None
+
+
+def returned(points: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Points (N, 3) without those at exactly 0, 0, 0, and a remark on them.
+
+    Many devices write a ray so that came back from nowhere. One point may be measured there, and so it stays if it is
+    the only one; and all stay if there are no others.
+    """
+    zero = (points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0)
+    if not 1 < (none := int(zero.sum())) < len(points):
+        return points, ()
+    return points[~zero], (f"{none} of {len(points)} points are at 0, 0, 0, where nothing came back, and are left out",)
 
 
 def to_world(points: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> None:

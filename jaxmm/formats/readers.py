@@ -19,7 +19,7 @@ from jaxmm.formats.las import read_las
 from jaxmm.formats.pcd import read_pcd
 from jaxmm.formats.ply import read_ply
 from jaxmm.formats.ptx import read_ptx
-from jaxmm.formats.raw_scans import RawScan
+from jaxmm.formats.raw_scans import RawScan, returned
 from jaxmm.formats.text import read_text
 from jaxmm.inputs import InputError, one_line
 
@@ -100,30 +100,21 @@ def _checked(path: Path, raw: RawScan) -> PointScan:
     points = np.asarray(raw.points, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"{path}: expected points of shape (N, 3), got {points.shape}")
-    points, remarks = _returned(path, points)
-    if all(np.ptp(points[:, axis]) == 0.0 for axis in range(3)):
-        raise NoPoints(f"{path}: expected points in space, got {len(points)} times the same one")
-    posed = raw.position is not None and np.isfinite(raw.position).all() and np.isfinite(raw.rotation).all()
-    position, rotation = (raw.position, raw.rotation) if posed else (None, None)
-    return PointScan(points, position, rotation, (*raw.remarks, *remarks), posed and raw.in_world)
-
-
-def _returned(path: Path, points: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The points (N, 3) that are some, and what was left out: nothing came back there."""
     there = np.abs(points[:, 0]) < FARTHEST
     for axis in (1, 2):
         there &= np.abs(points[:, axis]) < FARTHEST
     if not there.any():
         raise NoPoints(f"{path}: expected points with finite coordinates, got none among {len(points)}")
-    lost, remarks = int((~there).sum()), []
-    if lost:
-        remarks.append(f"{lost} of {len(points)} points have no finite coordinates and are left out")
-    # Rays without a return are often written as zeros; a thing that is measured there is hit there once.
-    zero = (points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0)
-    if 1 < (none := int(zero.sum())) < there.sum():
-        there &= ~zero
-        remarks.append(f"{none} of {len(points)} points are at 0, 0, 0, where nothing came back, and are left out")
-    return (points if there.all() else points[there]), tuple(remarks)
+    remarks = raw.remarks
+    if lost := int((~there).sum()):
+        remarks += (f"{lost} of {len(points)} points have no finite coordinates and are left out",)
+        points = points[there]
+    points, told = returned(points)
+    if all(np.ptp(points[:, axis]) == 0.0 for axis in range(3)):
+        raise NoPoints(f"{path}: expected points in space, got {len(points)} times the same one")
+    posed = raw.position is not None and np.isfinite(raw.position).all() and np.isfinite(raw.rotation).all()
+    position, rotation = (raw.position, raw.rotation) if posed else (None, None)
+    return PointScan(points, position, rotation, (*remarks, *told), posed and raw.in_world)
 
 
 def _line(error: Exception) -> str:
