@@ -33,7 +33,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument(
         "scans", type=Path, nargs="+", metavar="SCAN",
         help=".ply, .pcd, .e57, .ptx, .pts, .las, .laz, .csv, .npy, .npz, .xyz, .txt or .asc; E57, PTX and PTS "
-        "may hold several",
+        "may hold several; or a folder of depth images",
     )  # fmt: skip
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the reports")
     command.add_argument(
@@ -72,9 +72,12 @@ def detect(options: argparse.Namespace) -> None:
 
     check_folder(options.out, "--out")
     check_empty(options.out, "--out")
-    for file in (options.prior, *options.scans):
-        if not file.is_file():
-            raise InputError(f"{file}: expected a file, found {'a folder' if file.is_dir() else 'nothing there'}")
+    if not options.prior.is_file():
+        found = "a folder" if options.prior.is_dir() else "nothing there"
+        raise InputError(f"{options.prior}: expected a file, found {found}")
+    for scan in options.scans:
+        if not scan.exists():
+            raise InputError(f"{scan}: expected a scan file, or a folder of depth images, found nothing there")
     poses = read_poses(options.pose) or None
     sensor = _sensor(options.sensor)
 

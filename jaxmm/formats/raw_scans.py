@@ -26,6 +26,7 @@ class RawScan(NamedTuple):
     rotation: np.ndarray | None = None  # (3, 3) float64 sensor frame to world
     remarks: tuple[str, ...] = ()
     in_world: bool = False  # the reader took the points from the sensor's frame to the world by that pose
+    frame: str | None = None  # "sensor" or "optical", where the format says what the frame of the sensor is
 
 
 def check_count(path: Path, count: int, least_bytes: float = 0.0) -> None:

@@ -1,7 +1,7 @@
 """Scan files, read: the points of one scan or several, and where they were taken from if the file says so.
 
 PLY (ascii, binary), PCD (ascii, binary, compressed), E57 and PTX (several scans, with poses), LAS and LAZ, CSV (`;` or
-`,`), NPY and NPZ, XYZ and PTS text.
+`,`), NPY and NPZ, XYZ and PTS text, folders of depth images.
 
 N points. World frame of the file, in its units. Coordinates come as float64, as national grids need.
 """
@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.formats.arrays import read_npy, read_npz
+from jaxmm.formats.depth_images import read_depth_folder
 from jaxmm.formats.e57 import read_e57
 from jaxmm.formats.las import read_las
 from jaxmm.formats.pcd import read_pcd
@@ -44,10 +45,11 @@ class PointScan(NamedTuple):
     rotation: np.ndarray | None  # (3, 3) float64 sensor frame to world
     remarks: tuple[str, ...]  # what was left out, in words
     in_world: bool = False  # the file's points are in the sensor's frame, and were taken to the world by that pose
+    frame: str | None = None  # "sensor" or "optical" where the file says what its points' own frame is; None: untold
 
 
 def read_scans(path: Path | str) -> list[PointScan]:
-    """All scans of a file; one, but for E57, PTX and PTS.
+    """All scans of a file, or of a folder of depth images; one, but for these, E57, PTX and PTS.
 
     Scans without points beside others are left out, and the first one's remarks say so.
 
@@ -56,13 +58,7 @@ def read_scans(path: Path | str) -> list[PointScan]:
             format than its ending says, truncated, without points, or without a library to read it.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: expected a scan file, found {'a folder' if path.is_dir() else 'nothing there'}")
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        raise InputError(f"{path}: expected a scan ending in {', '.join(READERS)}, got {path.suffix or 'no ending'}")
-    if not path.stat().st_size:
-        raise InputError(f"{path}: expected points, found an empty file")
+    reader = _reader(path)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
@@ -78,6 +74,19 @@ def read_scans(path: Path | str) -> list[PointScan]:
     except Exception as error:  # libraries raise almost anything on a damaged file
         raise InputError(f"{path}: expected a whole {path.suffix} file: {_line(error)}") from error
     return _with_points(path, found)
+
+
+def _reader(path: Path) -> Callable[[Path], list[RawScan]]:
+    if path.is_dir():
+        return read_depth_folder
+    if not path.is_file():
+        raise InputError(f"{path}: expected a scan file, or a folder of depth images, found nothing there")
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(f"{path}: expected a scan ending in {', '.join(READERS)}, got {path.suffix or 'no ending'}")
+    if not path.stat().st_size:
+        raise InputError(f"{path}: expected points, found an empty file")
+    return reader
 
 
 def _with_points(path: Path, found: list[RawScan]) -> list[PointScan]:
@@ -114,7 +123,7 @@ def _checked(path: Path, raw: RawScan) -> PointScan:
         raise NoPoints(f"{path}: expected points in space, got {len(points)} times the same one")
     posed = raw.position is not None and np.isfinite(raw.position).all() and np.isfinite(raw.rotation).all()
     position, rotation = (raw.position, raw.rotation) if posed else (None, None)
-    return PointScan(points, position, rotation, (*remarks, *told), posed and raw.in_world)
+    return PointScan(points, position, rotation, (*remarks, *told), posed and raw.in_world, raw.frame)
 
 
 def _line(error: Exception) -> str:
