@@ -11,6 +11,7 @@ import numpy as np
 
 import jaxmm.reports.notebook  # noqa: F401 - with it, notebooks show a detection
 from jaxmm.files import check_empty, write_folder
+from jaxmm.formats.bags import is_bag
 from jaxmm.formats.poses import SEARCH, AskedPose, GivenPose
 from jaxmm.formats.readers import PointScan, read_scans
 from jaxmm.formats.units import FITS
@@ -54,6 +55,7 @@ class Reading:
     # a file says a pose and not what it is of, the sensor's if that fits; see `own_scan`.
     frame: str | None = None
     sensor: Sensor | None = None  # None: any; its view is then what its points span
+    topic: str | None = None  # of the clouds in bags; None: the only one
 
     def __post_init__(self):
         if self.frame not in (None, *FRAMES):
@@ -75,7 +77,7 @@ def detect(
 
     Args:
         prior: IFC or mesh file, or a point cloud.
-        scans: point clouds, see `formats.readers`; a file may hold several.
+        scans: point clouds, bags or folders of depth images, see `formats.readers`; each may hold several.
         poses: one for each scan; None takes the one of its file, or estimates it, "search" looks for the only place in
             the building that the scan fits. None or "search" alone does so for all.
         reading: units, frame and sensor.
@@ -90,7 +92,9 @@ def detect(
     given: list[AskedPose] = [poses] if isinstance(poses, GivenPose | str) else list(poses or ())
     reading, settings = reading or Reading(), settings or DetectSettings()
     judges = read_judges(Path(model))
-    found = [(file, scan) for file in files for scan in read_scans(file)]
+    if reading.topic is not None and not any(map(is_bag, files)):
+        raise InputError("--topic: expected a bag among the scans, got none")
+    found = [(file, scan) for file in files for scan in read_scans(file, reading.topic if is_bag(file) else None)]
     if not found:
         raise InputError("scans: expected at least one, got none")
     given = given * len(found) if given == [SEARCH] else given or [None] * len(found)

@@ -33,7 +33,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument(
         "scans", type=Path, nargs="+", metavar="SCAN",
         help=".ply, .pcd, .e57, .ptx, .pts, .las, .laz, .csv, .npy, .npz, .xyz, .txt or .asc; E57, PTX and PTS "
-        "may hold several; or a folder of depth images",
+        "may hold several; bags: .bag, .mcap, .db3 or a folder; or a folder of depth images",
     )  # fmt: skip
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the reports")
     command.add_argument(
@@ -51,6 +51,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
     command.add_argument("--frame", choices=("world", "sensor", "optical"), help=FRAMES)
+    command.add_argument("--topic", metavar="NAME", help="of the clouds in bags; default: the only one that there is")
     command.add_argument("--unit", type=float, metavar="METRES", help=UNIT)
     command.add_argument(
         "--prior-unit", type=float, metavar="METRES", help="of a mesh or cloud as prior; default: told by how it fits"
@@ -128,7 +129,7 @@ def _reading(options: argparse.Namespace, sensor):
         )
     except ValueError as error:
         raise InputError(str(error)) from error
-    return Reading(prior, options.unit, options.frame, sensor)
+    return Reading(prior, options.unit, options.frame, sensor, options.topic)
 
 
 def _check_kind(options: argparse.Namespace) -> None:

@@ -11,12 +11,12 @@ import numpy as np
 
 from jaxmm.formats.depth_folders import Camera, DepthFolder, open_depth_folder
 from jaxmm.formats.raw_scans import RawScan, to_world
+from jaxmm.formats.standstill import is_rest
 from jaxmm.inputs import InputError
 
 MOST_POINTS = 100_000_000  # of all images of a folder together: more do not fit into usual memory
 LEAST_CONFIDENCE = 1  # of maps with 0, 1 and 2, as devices of Apple write them
 SATURATED = 65535  # the largest value of 16 bits: at least so far away
-REST, REST_ANGLE = 0.01, 0.3  # [m] and [deg] by which the pose of a camera at rest may stray
 
 
 def read_depth_folder(path: Path) -> list[RawScan]:
@@ -58,16 +58,11 @@ def _at_rest(folder: DepthFolder, chosen: list[int]) -> Iterator[list[int]]:
     """Runs of images whose camera stands where it stood at the first of them."""
     group: list[int] = []
     for place in chosen:
-        if group and not (folder.poses is not None and _is_rest(folder.poses[group[0]], folder.poses[place])):
+        if group and not (folder.poses is not None and is_rest(folder.poses[group[0]], folder.poses[place])):
             yield group
             group = []
         group.append(place)
     yield group
-
-
-def _is_rest(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> bool:
-    cosine = (np.trace(one[1].T @ other[1]) - 1.0) / 2.0
-    return bool(np.linalg.norm(one[0] - other[0]) <= REST and cosine >= np.cos(np.radians(REST_ANGLE)))
 
 
 def _posed_points(folder: DepthFolder, place: int) -> np.ndarray:

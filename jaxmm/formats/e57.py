@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling, returned, to_world
+from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_name, check_swelling, returned, to_world
 from jaxmm.inputs import InputError
 
 PAGE, CONTENT = 1024, 1020  # [bytes] of a page, and before its checksum
@@ -35,10 +35,7 @@ def read_e57(path: Path) -> list[RawScan]:
 
 def _check_header(path: Path) -> None:
     """Refuse what is no E57 file, is cut off, or declares entities, which could swell in the parser without end."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError as error:
-        raise InputError(f"{path}: expected a name in UTF-8, which the library for E57 needs; rename it") from error
+    check_name(path)
     size = path.stat().st_size
     with open(path, "rb") as file:
         head = file.read(48)

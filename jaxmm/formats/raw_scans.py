@@ -45,6 +45,18 @@ def check_count(path: Path, count: int, least_bytes: float = 0.0) -> None:
         raise InputError(f"{path}: expected points that fit into its {size} bytes, its header promises {count}")
 
 
+def check_name(path: Path) -> None:
+    """Refuse a name that libraries which want UTF-8 cannot open.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{path}: expected a name in UTF-8, which its library needs; rename it") from error
+
+
 def check_swelling(path: Path, unpacked: int) -> None:
     """Refuse a packed file that would fill the memory.
 

@@ -1,11 +1,12 @@
 """Scan files, read: the points of one scan or several, and where they were taken from if the file says so.
 
 PLY (ascii, binary), PCD (ascii, binary, compressed), E57 and PTX (several scans, with poses), LAS and LAZ, CSV (`;` or
-`,`), NPY and NPZ, XYZ and PTS text, folders of depth images.
+`,`), NPY and NPZ, XYZ and PTS text, bags of ROS, folders of depth images.
 
 N points. World frame of the file, in its units. Coordinates come as float64, as national grids need.
 """
 
+import functools
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.formats.arrays import read_npy, read_npz
+from jaxmm.formats.bags import ENDINGS as BAGS
+from jaxmm.formats.bags import is_bag, read_bag
 from jaxmm.formats.depth_images import read_depth_folder
 from jaxmm.formats.e57 import read_e57
 from jaxmm.formats.las import read_las
@@ -48,17 +51,21 @@ class PointScan(NamedTuple):
     frame: str | None = None  # "sensor" or "optical" where the file says what its points' own frame is; None: untold
 
 
-def read_scans(path: Path | str) -> list[PointScan]:
-    """All scans of a file, or of a folder of depth images; one, but for these, E57, PTX and PTS.
+def read_scans(path: Path | str, topic: str | None = None) -> list[PointScan]:
+    """All scans of a file, or of a folder of depth images; one, but for these, E57, PTX, PTS and bags.
 
     Scans without points beside others are left out, and the first one's remarks say so.
+
+    Args:
+        path: of the file or folder.
+        topic: of the clouds in a bag; None: the only one. Other files have none.
 
     Raises:
         InputError: one line that names the file and what is wrong with it: missing, of an unknown ending, of another
             format than its ending says, truncated, without points, or without a library to read it.
     """
     path = Path(path)
-    reader = _reader(path)
+    reader = _reader(path, topic)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
@@ -72,18 +79,22 @@ def read_scans(path: Path | str) -> list[PointScan]:
     except MemoryError as error:
         raise InputError(f"{path}: promises more points than fit into memory") from error
     except Exception as error:  # libraries raise almost anything on a damaged file
-        raise InputError(f"{path}: expected a whole {path.suffix} file: {_line(error)}") from error
+        kind = "folder" if path.is_dir() else f"{path.suffix} file"
+        raise InputError(f"{path}: expected a whole {kind}: {_line(error)}") from error
     return _with_points(path, found)
 
 
-def _reader(path: Path) -> Callable[[Path], list[RawScan]]:
+def _reader(path: Path, topic: str | None) -> Callable[[Path], list[RawScan]]:
+    if path.exists() and is_bag(path):
+        return functools.partial(read_bag, topic=topic)
     if path.is_dir():
         return read_depth_folder
     if not path.is_file():
         raise InputError(f"{path}: expected a scan file, or a folder of depth images, found nothing there")
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise InputError(f"{path}: expected a scan ending in {', '.join(READERS)}, got {path.suffix or 'no ending'}")
+        endings = ", ".join((*READERS, *BAGS))
+        raise InputError(f"{path}: expected a scan ending in {endings}, got {path.suffix or 'no ending'}")
     if not path.stat().st_size:
         raise InputError(f"{path}: expected points, found an empty file")
     return reader

@@ -141,6 +141,21 @@ def ptx() -> ValidFile:
     return ValidFile(".ptx", (2 * scan).encode())
 
 
+def bag(kind: str) -> ValidFile:
+    """Two clouds of 40 points of a sensor that moves, and its transforms."""
+    from tests.cases.bags import Types, write_bag
+
+    types, messages = Types(kind), []
+    for number in range(2):
+        time, place = 100.0 + number, np.array([0.5 * number, 0.0, 1.5])
+        messages.append(("/tf", time, types.tf(time, ("map", "lidar", (place, np.eye(3))))))
+        messages.append(("/points", time, types.cloud(time, "lidar", POINTS - GRID)))
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_bag(Path(folder) / "file", kind, messages)
+        path = path if path.is_file() else next(one for one in path.iterdir() if one.suffix in (".db3", ".mcap"))
+        return ValidFile(path.suffix, path.read_bytes())
+
+
 def npy() -> ValidFile:
     return ValidFile(".npy", _saved(".npy", lambda path: np.save(path, POINTS)))
 
@@ -249,6 +264,9 @@ SCANS: dict[str, Callable[[], ValidFile]] = {
     "xyz": xyz,
     "pts": pts,
     "ptx": ptx,
+    "bag-ros1": lambda: bag("ros1"),
+    "bag-mcap": lambda: bag("mcap"),
+    "bag-sqlite3": lambda: bag("sqlite3"),
     "npy": npy,
     "npz-points": npz_points,
     "npz-rays": npz_rays,

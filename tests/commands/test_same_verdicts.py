@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from jaxmm import detect, parse_pose, scan, write_scan
 from jaxmm.formats.poses import OPTICAL
 from jaxmm.verdicts.settings import DetectSettings
+from tests.cases.bags import Types, write_bag
 from tests.cases.box_building import table_of
 from tests.cases.house import GONE, STANDS
 from warp_scanner.buildings.room_ifc import write_room
@@ -83,14 +84,36 @@ def depth_folder(folder, view):
     return out, None
 
 
-@pytest.mark.parametrize("write", [ptx, pts, organised_pcd, depth_folder], ids=lambda write: write.__name__)
+def bag_of(kind):
+    """A bag whose transforms tell the pose; zeros where nothing came back, and a second message at rest."""
+
+    def bag(folder, view):
+        pytest.importorskip("rosbags")
+        types = Types(kind)
+        pose, image = (view.position, view.rotation.astype(np.float64)), returns(view).reshape(240, 320, 3)
+        messages = [("/tf", 10.0, types.tf(10.0, ("map", "lidar", pose)))]
+        messages += [
+            ("/points", time, types.cloud(time, "lidar", half))
+            for time, half in ((10.0, image[:120]), (10.1, image[120:]))
+        ]
+        messages.append(("/tf", 10.1, types.tf(10.1, ("map", "lidar", pose))))
+        return write_bag(folder / "bag", kind, messages), None
+
+    bag.__name__ = f"bag_{kind}"
+    return bag
+
+
+WRITERS = [ptx, pts, organised_pcd, depth_folder, bag_of("ros1"), bag_of("mcap")]
+
+
+@pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
 def test_verdicts_are_the_same_in_every_file(house, tmp_path, write):
     folder, view, expected = house
     assert {"present", "removed", "unscanned"} == set(expected[0].values()) and len(expected[1]) == 1
     assert verdicts(folder, *write(tmp_path, view)) == expected
 
 
-@pytest.mark.parametrize("write", [ptx, organised_pcd, depth_folder], ids=lambda write: write.__name__)
+@pytest.mark.parametrize("write", [ptx, organised_pcd, depth_folder, WRITERS[-1]], ids=lambda write: write.__name__)
 def test_what_no_ray_came_back_from_is_hidden_not_gone(house, tmp_path, write):
     """Nothing comes back from where the column stands: a ray without a return never passed through it."""
     folder, view, expected = house
