@@ -16,7 +16,7 @@ from jaxmm.formats.poses import SEARCH, AskedPose, GivenPose
 from jaxmm.formats.readers import PointScan, read_scans
 from jaxmm.formats.units import FITS
 from jaxmm.ifc.update import write_update
-from jaxmm.inputs import InputError, Misfit
+from jaxmm.inputs import InputError, Misfit, clipped
 from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
@@ -99,7 +99,9 @@ def detect(
         raise InputError("scans: expected at least one, got none")
     given = given * len(found) if given == [SEARCH] else given or [None] * len(found)
     if len(given) != len(found):
-        raise InputError(f"--pose: expected one for each of {len(found)} scans (or own), got {len(given)}")
+        told = "".join(f"; {file.name}: {remark}" for file, scan in found for remark in scan.remarks)
+        told = clipped(told)  # a file may hold fewer scans than it seems
+        raise InputError(f"--pose: expected one for each of {len(found)} scans (or own), got {len(given)}{told}")
     if SEARCH in given:
         _check_search(Path(prior), reading)
     posed: list[OwnScan | None] = []  # None: to be searched, once the prior is read

@@ -8,7 +8,9 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from jaxmm import detect, parse_pose, scan, write_scan
+from jaxmm.commands import cli
 from jaxmm.formats.poses import OPTICAL
+from jaxmm.inputs import InputError
 from jaxmm.verdicts.settings import DetectSettings
 from tests.cases.bags import Types, write_bag
 from tests.cases.box_building import table_of
@@ -123,3 +125,34 @@ def test_what_no_ray_came_back_from_is_hidden_not_gone(house, tmp_path, write):
     hidden = view._replace(distance=np.where(view.element == place, np.float32(np.inf), view.distance))
     found, mismatches = verdicts(folder, *write(tmp_path, hidden))
     assert found == expected[0] | {guid: "occluded"} and mismatches == expected[1]
+
+
+def test_the_command_takes_folders_and_says_what_it_cannot_take(house, tmp_path, capsys):
+    folder, view, _ = house
+    images, _ = depth_folder(tmp_path, view)
+
+    def said(*words):
+        code = cli.main(["detect", str(folder / "house.ifc"), *map(str, words), "--out", str(tmp_path / "out")])
+        return code, capsys.readouterr()
+
+    code, told = said(images)
+    (tmp_path / "out").rename(tmp_path / "found")
+    assert code == 0 and "A pillar has been removed at [4.5 1. 1.5]" in told.out
+    for words, why in (
+        ((images, "--topic", "/points"), "--topic: expected a bag among the scans, got none"),
+        ((tmp_path / "none",), "none: expected a scan file, or a folder of depth images, found nothing there"),
+        ((tmp_path,), "expected depth/*.png of depth images, found none"),
+    ):
+        code, told = said(*words)
+        assert code == 2 and why in told.err and told.err.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
+def test_a_wrong_number_of_poses_is_told_with_the_scans_that_are_left_out(house, tmp_path):
+    folder, view, _ = house
+    path, _ = ptx(tmp_path, view)
+    empty = "\n".join(
+        ["1", "1", "0 0 0", "1 0 0", "0 1 0", "0 0 1", "1 0 0 0", "0 1 0 0", "0 0 1 0", "0 0 0 1", "0 0 0"]
+    )
+    path.write_text(path.read_text() + empty + "\n")
+    with pytest.raises(InputError, match=r"of 1 scans .* got 2; scan\.ptx: 1 of 2 scans hold no points"):
+        detect(folder / "house.ifc", path, [POSE, POSE])
