@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jaxmm.formats.raw_scans import GrowingPoints, RawScan, check_name, to_world
 from jaxmm.formats.ros_frames import FrameTree, RobotPose
 from jaxmm.formats.ros_messages import CLOUD, LIVOX, ODOMETRY, TRANSFORMS, Cloud, cloud_of, transforms_of
@@ -28,12 +30,13 @@ class _Group:
     """Messages of a sensor at rest: in the world where it has a pose, else in the frame of the first."""
 
     def __init__(self, cloud: Cloud, pose: RobotPose | None):
-        self.cloud, self.pose, self.messages, self.points = cloud, pose, 0, GrowingPoints()
+        self.frame, self.pose, self.messages, self.points = cloud.frame, pose, 0, GrowingPoints()
+        self.first: np.ndarray | None = cloud.points if pose is None else None  # whether others look like it
         self.take(cloud, pose)
 
     def take(self, cloud: Cloud, pose: RobotPose | None) -> None:
         """Add the points of a message."""
-        points = cloud.points.copy()  # the first is still asked whether others look like it
+        points = cloud.points.copy()
         if pose is not None:
             to_world(points, pose.rotation, pose.position)
         self.points.append(points)
@@ -41,13 +44,13 @@ class _Group:
 
     def is_rest(self, cloud: Cloud, pose: RobotPose | None) -> bool:
         """Whether a message was taken from the same place."""
-        if cloud.frame != self.cloud.frame or (pose is None) != (self.pose is None):
+        if cloud.frame != self.frame or (pose is None) != (self.pose is None):
             return False
-        return looks_at_rest(self.cloud.points, cloud.points) if pose is None else is_rest(self.pose, pose)
+        return looks_at_rest(self.first, cloud.points) if pose is None else is_rest(self.pose, pose)
 
     def scan(self, in_world: bool) -> RawScan:
         """All of them as one scan; `in_world` says that their frame stands still, although nobody told the sensor's."""
-        optical = self.cloud.frame.endswith(OPTICAL)
+        optical = self.frame.endswith(OPTICAL)
         frame = None if in_world and self.pose is None else "optical" if optical else "sensor"
         if self.pose is None:
             return RawScan(self.points.points(), frame=frame)
@@ -91,7 +94,7 @@ def read_bag(path: Path, topic: str | None = None) -> list[RawScan]:
     if posed and len(posed) < len(groups):
         lost = sum(group.messages for group in groups) - sum(group.messages for group in posed)
         remarks.append(f"{lost} messages have no pose, as others of {chosen[0].topic} have, and are left out")
-    scans = [group.scan(tree.is_world(group.cloud.frame)) for group in posed or groups]
+    scans = [group.scan(tree.is_world(group.frame)) for group in posed or groups]
     scans[0] = scans[0]._replace(remarks=tuple(remarks))
     return scans
 
@@ -148,6 +151,7 @@ def _groups(path: Path, reader: Any, chosen: list[Any], ros: int, tree: FrameTre
             group.take(cloud, pose)
             continue
         if group is not None:
+            group.first = None  # not needed any more, and large
             yield group
         group = _Group(cloud, pose)
     if group is not None:

@@ -129,6 +129,31 @@ def test_frames_are_told_by_their_names(tmp_path, kind, frame, told):
     assert found.frame == told and found.position is None
 
 
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "root, moves, posed",
+    [
+        ("base_link", False, False),
+        ("base_link", True, False),
+        ("mount", False, False),
+        ("hall", True, True),
+        ("map", False, True),
+    ],
+)
+def test_only_a_frame_that_stands_still_is_the_world(tmp_path, kind, root, moves, posed):
+    """A mount that is told again and again says nothing of where the robot is; nor does an arm that moves on it."""
+    types, taken, messages = Types(kind), poses(3), []
+    for number, pose in enumerate(taken):
+        time = 100.0 + number / 10
+        messages.append(("/tf", time, types.tf(time, (root, "lidar", pose if moves else taken[0]))))
+        messages.append(("/points", time, types.cloud(time, "lidar", seen_from(pose, seed=number))))
+        messages.append(("/own", time, types.cloud(time, root, seen_from(pose, seed=number))))
+    path = write_bag(tmp_path / "a", kind, messages)
+    assert {scan.position is not None for scan in read_scans(path, "/points")} == {posed}
+    assert {scan.frame for scan in read_scans(path, "/own")} == {None if posed else "sensor"}
+    assert {scan.position for scan in read_scans(path, "/own")} == {None}
+
+
 def test_an_optical_frame_keeps_its_name_in_the_world(tmp_path):
     taken = poses(1)
     path = write_bag(tmp_path / "a", "mcap", recording("mcap", taken, frame="camera_optical_frame"))
