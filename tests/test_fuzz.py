@@ -8,7 +8,7 @@ from tests.cases.valid_files import MODELS, PRIORS, SCANS, crc32c
 from tests.fuzz import run
 
 COUNT = 200
-LIBRARIES = {"pcd": "pypcd4", "e57": "pye57", "las": "laspy", "laz": "lazrs", "ifc": "ifcopenshell"}
+LIBRARIES = {"bag": "rosbags", "pcd": "pypcd4", "e57": "pye57", "las": "laspy", "laz": "lazrs", "ifc": "ifcopenshell"}
 
 
 @pytest.mark.parametrize("names", [SCANS, PRIORS, MODELS], ids=["scans", "priors", "models"])

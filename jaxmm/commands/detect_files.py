@@ -11,11 +11,12 @@ import numpy as np
 
 import jaxmm.reports.notebook  # noqa: F401 - with it, notebooks show a detection
 from jaxmm.files import check_empty, write_folder
+from jaxmm.formats.bags import is_bag
 from jaxmm.formats.poses import SEARCH, AskedPose, GivenPose
 from jaxmm.formats.readers import PointScan, read_scans
 from jaxmm.formats.units import FITS
 from jaxmm.ifc.update import write_update
-from jaxmm.inputs import InputError, Misfit
+from jaxmm.inputs import InputError, Misfit, clipped
 from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
@@ -55,6 +56,7 @@ class Reading:
     # a file says a pose and not what it is of, the sensor's if that fits; see `own_scan`.
     frame: str | None = None
     sensor: Sensor | None = None  # None: any; its view is then what its points span
+    topic: str | None = None  # of the clouds in bags; None: the only one
 
     def __post_init__(self):
         if self.frame not in (None, *FRAMES):
@@ -76,7 +78,7 @@ def detect(
 
     Args:
         prior: IFC or mesh file, or a point cloud.
-        scans: point clouds, see `formats.readers`; a file may hold several.
+        scans: point clouds, bags or folders of depth images, see `formats.readers`; each may hold several.
         poses: one for each scan; None takes the one of its file, or estimates it, "search" looks for the only place in
             the building that the scan fits. None or "search" alone does so for all.
         reading: units, frame and sensor.
@@ -91,12 +93,16 @@ def detect(
     given: list[AskedPose] = [poses] if isinstance(poses, GivenPose | str) else list(poses or ())
     reading, settings = reading or Reading(), settings or DetectSettings()
     judges = read_judges(Path(model))
-    found = [(file, scan) for file in files for scan in read_scans(file)]
+    if reading.topic is not None and not any(map(is_bag, files)):
+        raise InputError("--topic: expected a bag among the scans, got none")
+    found = [(file, scan) for file in files for scan in read_scans(file, reading.topic if is_bag(file) else None)]
     if not found:
         raise InputError("scans: expected at least one, got none")
     given = given * len(found) if given == [SEARCH] else given or [None] * len(found)
     if len(given) != len(found):
-        raise InputError(f"--pose: expected one for each of {len(found)} scans (or own), got {len(given)}")
+        told = "".join(f"; {file.name}: {remark}" for file, scan in found for remark in scan.remarks)
+        told = clipped(told)  # a file may hold fewer scans than it seems
+        raise InputError(f"--pose: expected one for each of {len(found)} scans (or own), got {len(given)}{told}")
     if SEARCH in given:
         _check_search(Path(prior), reading)
     posed: list[OwnScan | None] = []  # None: to be searched, once the prior is read

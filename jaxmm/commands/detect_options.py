@@ -32,7 +32,8 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("prior", type=Path, metavar="PRIOR", help="building model: .ifc, a mesh, or a point cloud")
     command.add_argument(
         "scans", type=Path, nargs="+", metavar="SCAN",
-        help=".ply, .pcd, .e57, .las, .laz, .csv, .npy, .npz, .xyz, .txt or .asc; E57 may hold several",
+        help=".ply, .pcd, .e57, .ptx, .pts, .las, .laz, .csv, .npy, .npz, .xyz, .txt or .asc; E57, PTX and PTS "
+        "may hold several; bags: .bag, .mcap, .db3 or a folder; or a folder of depth images",
     )  # fmt: skip
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the reports")
     command.add_argument(
@@ -50,6 +51,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
     command.add_argument("--frame", choices=("world", "sensor", "optical"), help=FRAMES)
+    command.add_argument("--topic", metavar="NAME", help="of the clouds in bags; default: the only one that there is")
     command.add_argument("--unit", type=float, metavar="METRES", help=UNIT)
     command.add_argument(
         "--prior-unit", type=float, metavar="METRES", help="of a mesh or cloud as prior; default: told by how it fits"
@@ -71,9 +73,12 @@ def detect(options: argparse.Namespace) -> None:
 
     check_folder(options.out, "--out")
     check_empty(options.out, "--out")
-    for file in (options.prior, *options.scans):
-        if not file.is_file():
-            raise InputError(f"{file}: expected a file, found {'a folder' if file.is_dir() else 'nothing there'}")
+    if not options.prior.is_file():
+        found = "a folder" if options.prior.is_dir() else "nothing there"
+        raise InputError(f"{options.prior}: expected a file, found {found}")
+    for scan in options.scans:
+        if not scan.exists():
+            raise InputError(f"{scan}: expected a scan file, or a folder of depth images, found nothing there")
     poses = read_poses(options.pose) or None
     sensor = _sensor(options.sensor)
 
@@ -125,7 +130,7 @@ def _reading(options: argparse.Namespace, sensor):
         )
     except ValueError as error:
         raise InputError(str(error)) from error
-    return Reading(prior, options.unit, options.frame, sensor)
+    return Reading(prior, options.unit, options.frame, sensor, options.topic)
 
 
 def _check_kind(options: argparse.Namespace) -> None:

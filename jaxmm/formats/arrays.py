@@ -6,17 +6,18 @@ from typing import IO
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import RawScan, check_swelling
+from jaxmm.formats.raw_scans import RawScan, axes_of, check_swelling
 from jaxmm.inputs import InputError
 
 RAYS = {"distance", "direction", "origin", "rotation"}
 
 
 def read_npy(path: Path) -> list[RawScan]:
-    """The points of a file: the first three columns of its array.
+    """The points of a file: the first three columns of its array, or its fields x, y and z.
 
     Raises:
-        InputError: no array of numbers with three columns or more; shorter than its header promises.
+        InputError: no array of numbers with three columns or more, or with such fields; shorter than its header
+            promises.
     """
     with path.open("rb") as file:
         _header(path, file, "the array")
@@ -45,6 +46,15 @@ def read_npz(path: Path) -> list[RawScan]:
 
 
 def _columns(path: Path, array: np.ndarray) -> np.ndarray:
+    """(N, 3) of an array with the columns x, y and z, or with fields of these names."""
+    if array.dtype.names is not None:
+        names = array.dtype.names
+        axes = axes_of(names)
+        if axes is None or any(array.dtype[axis].kind not in "iuf" for axis in axes):
+            raise InputError(f"{path}: expected fields x, y and z of numbers once each, got {', '.join(names)[:200]}")
+        return np.column_stack([array[names[axis]].ravel().astype(np.float64) for axis in axes])
+    if array.ndim == 3 and array.shape[2] >= 3:  # as an image has them, rows and columns
+        array = array.reshape(-1, array.shape[2])
     if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] < 3:
         raise InputError(f"{path}: expected points (N, 3) of numbers, got {str(array.dtype)[:80]} {array.shape}")
     return array[:, :3]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling
+from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_name, check_swelling, returned, to_world
 from jaxmm.inputs import InputError
 
 PAGE, CONTENT = 1024, 1020  # [bytes] of a page, and before its checksum
@@ -18,10 +18,10 @@ SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 
 
 def read_e57(path: Path) -> list[RawScan]:
-    """All scans of a file that hold points.
+    """All scans of a file.
 
     Raises:
-        InputError: no scan with points, one without coordinates, or fewer points than promised.
+        InputError: one without coordinates, or fewer points than promised.
     """
     import pye57
 
@@ -35,10 +35,7 @@ def read_e57(path: Path) -> list[RawScan]:
 
 def _check_header(path: Path) -> None:
     """Refuse what is no E57 file, is cut off, or declares entities, which could swell in the parser without end."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError as error:
-        raise InputError(f"{path}: expected a name in UTF-8, which the library for E57 needs; rename it") from error
+    check_name(path)
     size = path.stat().st_size
     with open(path, "rb") as file:
         head = file.read(48)
@@ -59,18 +56,15 @@ def _scans(path: Path, file: Any) -> list[RawScan]:
     try:
         headers = [file.get_header(number) for number in range(file.scan_count)]
         check_swelling(path, sum(24 * max(header.point_count, 0) for header in headers))
-        found = [_scan(path, file.image_file, header) for header in headers if header.point_count]
+        found = [_scan(path, file.image_file, header) for header in headers]
     finally:
         file.close()
-    if not found:
-        raise InputError(f"{path}: expected at least one scan with points, found none in {len(headers)}")
-    if len(found) < len(headers):
-        remark = f"{len(headers) - len(found)} of {len(headers)} scans hold no points and are left out"
-        found[0] = found[0]._replace(remarks=(remark,))
     return found
 
 
 def _scan(path: Path, image: Any, header: Any) -> RawScan:
+    if not header.point_count:
+        return RawScan(np.zeros((0, 3)))
     check_count(path, header.point_count)
     axes = next((axes for axes in (CARTESIAN, SPHERICAL) if set(axes) <= set(header.point_fields)), None)
     if axes is None:
@@ -78,11 +72,10 @@ def _scan(path: Path, image: Any, header: Any) -> RawScan:
     points = _points(path, image, header, axes)
     if not header.has_pose():
         return RawScan(points)
-    position, rotation = _pose(header.node)
-    for start in range(0, len(points), BLOCK):
-        block = slice(start, start + BLOCK)
-        points[block] = points[block] @ rotation.T + position
-    return RawScan(points, position, rotation, in_world=True)
+    points, none = returned(points)  # in the sensor's frame, where their zero is
+    position, rotation, remarks = _pose(header.node)
+    to_world(points, rotation, position)
+    return RawScan(points, position, rotation, (*remarks, *none), in_world=True)
 
 
 def _points(path: Path, image: Any, header: Any, axes: tuple[str, ...]) -> np.ndarray:
@@ -122,8 +115,8 @@ def _cartesian(block: np.ndarray, axes: tuple[str, ...]) -> np.ndarray:
     return np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)])
 
 
-def _pose(node: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Position and rotation of a scan; either may be left out of the file, and then there is none."""
+def _pose(node: Any) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Position and rotation of a scan, and a remark; either may be left out of the file, and then there is none."""
     from scipy.spatial.transform import Rotation
 
     def numbers(part: str, names: str, default: tuple[float, ...]) -> np.ndarray:
@@ -131,5 +124,8 @@ def _pose(node: Any) -> tuple[np.ndarray, np.ndarray]:
             return np.array(default)
         return np.array([float(node["pose"][part][name].value()) for name in names])
 
-    rotation = Rotation.from_quat(numbers("rotation", "xyzw", (0.0, 0.0, 0.0, 1.0))).as_matrix()
-    return numbers("translation", "xyz", (0.0, 0.0, 0.0)), rotation
+    position = numbers("translation", "xyz", (0.0, 0.0, 0.0))
+    quaternion = numbers("rotation", "xyzw", (0.0, 0.0, 0.0, 1.0))
+    if not quaternion.any():  # some write that for no rotation
+        return position, np.eye(3), ("the quaternion of its rotation is 0 0 0 0, which was taken for none",)
+    return position, Rotation.from_quat(quaternion).as_matrix(), ()

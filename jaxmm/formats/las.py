@@ -5,20 +5,23 @@ The header is checked before laspy sees it, which counts for minutes to a number
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from jaxmm.formats.laz_chunks import check_chunks
-from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling, filled
+from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling
 from jaxmm.inputs import InputError
 from warp_scanner.quiet import silent
 
 HEAD = 375  # [bytes] of the largest header
+NOISE = (7, 18)  # classes: of low points, and of high ones
+MANY_CLASSES = 6  # the first point format with more than 32 classes, of which 18 is one
 RECORD = 54  # [bytes] of the smallest record between header and points
 
 
 def read_las(path: Path) -> list[RawScan]:
-    """The points of a file.
+    """The points of a file, without those that it calls withheld or noise.
 
     Raises:
         InputError: no header, or one that promises what the file does not hold.
@@ -26,17 +29,44 @@ def read_las(path: Path) -> list[RawScan]:
     import laspy
 
     _check_header(path)
-    with silent("laspy"), laspy.open(path, read_evlrs=False) as file:
-        header = file.header
-        if not (np.isfinite(header.scales).all() and np.isfinite(header.offsets).all()):
-            raise InputError(f"{path}: expected a finite scale and offset, got {header.scales} and {header.offsets}")
-        check_count(path, header.point_count, 0 if header.are_points_compressed else header.point_format.size)
-        if header.are_points_compressed:
-            check_swelling(path, header.point_count * header.point_format.size)
-            check_chunks(path, header)
-        chunks = file.chunk_iterator(BLOCK)
-        blocks = (np.column_stack([np.asarray(getattr(chunk, axis), np.float64) for axis in "xyz"]) for chunk in chunks)
-        return [RawScan(filled(path, header.point_count, blocks))]
+    with silent("laspy"):
+        with laspy.open(path, read_evlrs=False) as file:
+            backends = _backends(path, file.header)
+        with laspy.open(path, read_evlrs=False, laz_backend=backends) as file:
+            return [_believed(path, file)]
+
+
+def _backends(path: Path, header: Any) -> Any:
+    """The header checked, and what is to unpack the file."""
+    from laspy import LazBackend
+
+    if not (np.isfinite(header.scales).all() and np.isfinite(header.offsets).all()):
+        raise InputError(f"{path}: expected a finite scale and offset, got {header.scales} and {header.offsets}")
+    check_count(path, header.point_count, 0 if header.are_points_compressed else header.point_format.size)
+    if not header.are_points_compressed:
+        return None
+    check_swelling(path, header.point_count * header.point_format.size)
+    # Many threads unpack a chunk as if it were full, unless it is the last, behind which an empty one may stand.
+    return LazBackend.Lazrs if check_chunks(path, header) else LazBackend.LazrsParallel
+
+
+def _believed(path: Path, file: Any) -> RawScan:
+    """The points that the file itself takes for some."""
+    count, kind = file.header.point_count, file.header.point_format.id
+    noise = NOISE if kind >= MANY_CLASSES else NOISE[:1]
+    points, kept, found = np.zeros((count, 3)), 0, 0
+    for chunk in file.chunk_iterator(BLOCK):
+        found += len(chunk)
+        stays = ~(np.asarray(chunk.withheld, bool) | np.isin(np.asarray(chunk.classification), noise))
+        block = np.column_stack([np.asarray(getattr(chunk, axis), np.float64)[stays] for axis in "xyz"])
+        points[kept : kept + len(block)] = block
+        kept += len(block)
+    if found < count:
+        raise InputError(f"{path}: truncated: expected {count} points as its header promises, found {found}")
+    if not kept:
+        raise InputError(f"{path}: expected points, got {found}, all withheld or noise")
+    told = f"{found - kept} of {found} points are withheld or noise, as the file says, and are left out"
+    return RawScan(points[:kept], remarks=(told,) if kept < found else ())
 
 
 def _check_header(path: Path) -> None:

@@ -19,12 +19,15 @@ VARIABLE = 0xFFFFFFFF  # points of a chunk, where each has its own number
 USUAL = 1_000_000  # points of a chunk; writers take 50,000
 
 
-def check_chunks(path: Path, header: Any) -> None:
+def check_chunks(path: Path, header: Any) -> bool:
     """Refuse a packed file whose chunks do not fit into it.
 
     Args:
         path: the file.
         header: of it, as laspy reads it.
+
+    Returns:
+        Whether one of its chunks is empty.
 
     Raises:
         InputError: points of another size than the header says; more or longer chunks than the file holds.
@@ -49,6 +52,7 @@ def check_chunks(path: Path, header: Any) -> None:
             raise InputError(f"{path}: expected chunks that fit into its {size} bytes, got {promised} bytes of them")
         if layers := _layers(record[0].record_data):
             _check_layers(path, file, [start + 8, *(length for _, length in chunks)], point, layers)
+    return any(length == 0 for _, length in chunks)
 
 
 def _check_table(path: Path, file: Any, start: int) -> None:
@@ -80,6 +84,8 @@ def _check_layers(path: Path, file: Any, lengths: list[int], point: int, layers:
     """`lengths`: first the byte at which the first chunk begins, then the bytes of each."""
     places = np.cumsum(lengths)
     for place, length in zip(places, lengths[1:], strict=False):
+        if not length:  # some writers begin a last one that no point comes into
+            continue
         file.seek(int(place) + point + 4)
         told = np.frombuffer(file.read(4 * layers), "<u4")
         if len(told) < layers or told.sum(dtype=np.int64) + point + 4 + 4 * layers > length:

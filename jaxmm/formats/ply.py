@@ -1,65 +1,104 @@
 """PLY scans, text or binary: the vertices, wherever x, y and z stand among their properties.
 
-The header is read by trimesh, the vertices here: trimesh keeps several copies of all properties, and rounds to float32.
+Read here and not by trimesh, which keeps several copies of all properties, rounds to float32, and knows no vertices
+with lists among their properties (the views that saw a point, say).
 """
 
 import io
+import itertools
+import mmap
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import RawScan, check_count, filled, records
+from jaxmm.formats.ply_header import Element, read_header
+from jaxmm.formats.raw_scans import BLOCK, RawScan, axes_of, check_count, filled, records
 from jaxmm.formats.text import rows
-from jaxmm.inputs import InputError
-
-LONGEST_HEADER = 1 << 20  # [bytes]
+from jaxmm.inputs import InputError, one_line
 
 
 def read_ply(path: Path) -> list[RawScan]:
     """The vertices of a file.
 
     Raises:
-        InputError: no whole header; no vertices, or not first, or without x, y and z; fewer of them than promised.
+        InputError: no whole header; no vertices, or without x, y and z; fewer of them than promised.
     """
     with open(path, "rb") as file:
-        elements, is_ascii = _header(path, file)
-        vertex = elements.get("vertex")
-        if vertex is None or not {"x", "y", "z"} <= set(vertex["properties"]):
-            found = ", ".join(elements)[:200] or "no element"
-            raise InputError(f"{path}: expected vertices with x, y and z, found {found}")
-        if next(iter(elements)) != "vertex":
-            raise InputError(f"{path}: expected vertices before all other elements")
-        if any("LIST" in kind for kind in vertex["properties"].values()):
-            raise InputError(f"{path}: expected vertices of plain numbers, found lists in them")
-        count, names = vertex["length"], list(vertex["properties"])
-        if is_ascii:
-            check_count(path, count, 2.0 * len(names))  # a digit and a gap each
-            return [RawScan(_text_points(path, file, count, names))]
-        kind = np.dtype(list(vertex["properties"].items()))
-        check_count(path, count, kind.itemsize)
-        return [RawScan(filled(path, count, records(file, kind, count)))]
+        elements, order = read_header(path, file)
+        place = next((place for place, element in enumerate(elements) if element.name == "vertex"), None)
+        axes = None if place is None else axes_of(elements[place].plain_names())
+        if axes is None:
+            found = [element.name for element in elements] if place is None else elements[place].plain_names()
+            raise InputError(
+                f"{path}: expected vertices with x, y and z once each, found {', '.join(found)[:200] or 'nothing'}"
+            )
+        before, vertex = elements[:place], elements[place]
+        axes = [vertex.plain_places()[axis] for axis in axes]
+        check_count(path, vertex.count, vertex.least_size(order))
+        if not order:
+            blocks = _text_points(path, file, before, vertex, axes)
+        elif vertex.has_lists() or any(element.has_lists() for element in before):
+            blocks = _walked_points(path, file, before, vertex, axes)
+        else:
+            file.seek(sum(element.count * element.kind().itemsize for element in before), io.SEEK_CUR)
+            blocks = records(file, vertex.kind(), vertex.count, tuple(f"f{axis}" for axis in axes))
+        return [RawScan(filled(path, vertex.count, blocks))]
 
 
-def _header(path: Path, file: io.BufferedReader) -> tuple[dict, bool]:
-    from trimesh.exchange import ply
-
-    head = file.read(LONGEST_HEADER)
-    if not head.startswith(b"ply") or b"end_header" not in head:
-        raise InputError(f"{path}: expected a PLY file, with a header from `ply` to `end_header`, found none")
-    if not any(kind in head[:100] for kind in (b"ascii", b"binary_little_endian", b"binary_big_endian")):
-        raise InputError(f"{path}: expected PLY that is ascii, binary_little_endian or binary_big_endian")
-    file.seek(0)
-    elements, is_ascii, _ = ply._parse_header(file)
-    return elements, is_ascii
-
-
-def _text_points(path: Path, file: io.BufferedReader, count: int, names: list[str]) -> np.ndarray:
-    lines = io.TextIOWrapper(file, "latin-1")
+def _text_points(
+    path: Path, file: io.BufferedReader, before: list[Element], vertex: Element, axes: list[int]
+) -> Iterator[np.ndarray]:
+    """Blocks (n, 3): a line is a vertex."""
+    lines, width = filter(str.strip, io.TextIOWrapper(file, "latin-1")), len(vertex.properties)
+    for _ in itertools.islice(lines, sum(element.count for element in before)):
+        pass
     try:
-        columns = [names.index(axis) for axis in "xyz"]
-        blocks = (block[:, columns] for block in rows(lines, count, width=len(names)))
-        return filled(path, count, blocks)
-    except InputError:  # says all of it, and is a ValueError, too
-        raise
-    except ValueError as error:
-        raise InputError(f"{path}: expected {count} vertices of {len(names)} numbers: {error}") from error
+        if vertex.has_lists():
+            lines = itertools.islice(lines, vertex.count)
+            while block := list(itertools.islice(lines, BLOCK)):
+                yield np.array([_axes_of_line(line.split(), vertex, axes) for line in block])
+        else:
+            for block in rows(lines, vertex.count, width=width):
+                yield block[:, axes]
+    except (ValueError, IndexError) as error:
+        raise InputError(f"{path}: expected {vertex.count} vertices of {width} numbers: {one_line(error)}") from error
+
+
+def _axes_of_line(words: list[str], vertex: Element, axes: list[int]) -> list[float]:
+    """x, y and z of a vertex in whose line lists stand: their length, then so many numbers."""
+    found, at = {}, 0
+    for place, one in enumerate(vertex.properties):
+        if one.length is not None:
+            at += int(words[at])
+        elif place in axes:
+            found[place] = float(words[at])
+        at += 1
+    if at != len(words):
+        raise ValueError(f"found a line of {len(words)} words where its lists make it {at}")
+    return [found[axis] for axis in axes]
+
+
+def _walked_points(
+    path: Path, file: io.BufferedReader, before: list[Element], vertex: Element, axes: list[int]
+) -> Iterator[np.ndarray]:
+    """Blocks (n, 3) of binary vertices: where one begins is told by the lists of the one before."""
+    start = file.tell()
+    with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        for element in before:
+            if not element.has_lists():
+                start += element.count * element.kind().itemsize
+                continue
+            for _, end in element.walk(path, content, start):
+                start = end
+        data = np.frombuffer(content, np.uint8)
+        try:
+            for places, _ in vertex.walk(path, content, start):
+                columns = []
+                for axis in axes:
+                    kind, run, offset = vertex.properties[axis].kind, *vertex.offset_of(axis)
+                    raw = data[(places[:, run] + offset)[:, None] + np.arange(kind.itemsize)]
+                    columns.append(np.ascontiguousarray(raw).view(kind)[:, 0].astype(np.float64))
+                yield np.column_stack(columns)
+        finally:
+            del data  # a file that is still looked at cannot be closed

@@ -176,9 +176,28 @@ def _pose_of(position: np.ndarray, rotation: np.ndarray) -> GivenPose:
     return GivenPose(position, yaw, pitch, roll, of_points=True)
 
 
+class PoseAtTime(NamedTuple):
+    """One line of a trajectory."""
+
+    time: float  # [s]
+    pose: GivenPose
+
+
 def _from_trajectory(path: Path) -> list[AskedPose]:
-    """The poses of a TUM trajectory, in their order (Sturm et al., IROS 2012, for its form)."""
-    where, found = f"--pose: {path}", []
+    return [one.pose for one in read_trajectory(path, f"--pose: {path}")]
+
+
+def read_trajectory(path: Path, where: str) -> list[PoseAtTime]:
+    """The poses of a TUM trajectory, in their order (Sturm et al., IROS 2012, for its form).
+
+    Args:
+        path: its file.
+        where: what errors begin with.
+
+    Raises:
+        InputError: it cannot be read, or a line is not of the form.
+    """
+    found = []
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
@@ -195,7 +214,8 @@ def _from_trajectory(path: Path) -> list[AskedPose]:
             values = []
         if len(values) != 8 or not np.isfinite(values).all():
             raise InputError(f"{where}: line {number}: {TUM_FORM}, got {line[:80]!r}")
-        found.append(_of_quaternion(values[1:4], values[4:], f"{where}: line {number}", TUM_FORM))
+        pose = _of_quaternion(values[1:4], values[4:], f"{where}: line {number}", TUM_FORM)
+        found.append(PoseAtTime(values[0], pose))
     if not found:
         raise InputError(f"{where}: {TUM_FORM}, got none")
     return found

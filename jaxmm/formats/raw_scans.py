@@ -4,7 +4,7 @@ N points. World frame of the file, in its units. Points arrive in blocks and lan
 points is never held twice; its memory is taken as it fills, so a lying header costs nothing.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ class RawScan(NamedTuple):
     rotation: np.ndarray | None = None  # (3, 3) float64 sensor frame to world
     remarks: tuple[str, ...] = ()
     in_world: bool = False  # the reader took the points from the sensor's frame to the world by that pose
+    frame: str | None = None  # "sensor" or "optical", where the format says what the frame of the sensor is
 
 
 def check_count(path: Path, count: int, least_bytes: float = 0.0) -> None:
@@ -42,6 +43,18 @@ def check_count(path: Path, count: int, least_bytes: float = 0.0) -> None:
     size = path.stat().st_size
     if not 0 < count <= MOST_POINTS or count * least_bytes > size:
         raise InputError(f"{path}: expected points that fit into its {size} bytes, its header promises {count}")
+
+
+def check_name(path: Path) -> None:
+    """Refuse a name that libraries which want UTF-8 cannot open.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{path}: expected a name in UTF-8, which its library needs; rename it") from error
 
 
 def check_swelling(path: Path, unpacked: int) -> None:
@@ -77,6 +90,61 @@ def filled(path: Path, count: int, blocks: Iterable[np.ndarray]) -> np.ndarray:
     if found < count:
         raise InputError(f"{path}: truncated: expected {count} points as its header promises, found {found}")
     return points
+
+
+class GrowingPoints:
+    """Points of a file that does not say how many it holds; the array grows in place, so it is never held twice."""
+
+    def __init__(self):
+        self._held, self._count = np.zeros((0, 3)), 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, block: np.ndarray) -> None:
+        """Take over a block (n, 3) of numbers."""
+        wanted, room = self._count + len(block), len(self._held)
+        if wanted > room:
+            self._held.resize((max(wanted, room + room // 8), 3), refcheck=False)
+        self._held[self._count : wanted] = block
+        self._count = wanted
+
+    def points(self) -> np.ndarray:
+        """(N, 3) float64: all of them; nothing may be appended any more."""
+        self._held.resize((self._count, 3), refcheck=False)
+        return self._held
+
+
+def axes_of(names: Sequence[str]) -> list[int] | None:
+    """Where x, y and z stand among the names of columns or fields; None where they do not stand there once each.
+
+    Where a file names both, capitals are the coordinates: small ones are then often pixels, or of another frame.
+    """
+    lower = [name.lower() for name in names]
+    for found, axes in ((names, "XYZ"), (names, "xyz"), (lower, "xyz")):
+        if all(axis in found for axis in axes):
+            once = all(found.count(axis) == 1 for axis in axes)
+            return [found.index(axis) for axis in axes] if once else None
+    return None
+
+
+def returned(points: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Points (N, 3) without those at exactly 0, 0, 0, and a remark on them.
+
+    Many devices write a ray so that came back from nowhere. One point may be measured there, and so it stays if it is
+    the only one; and all stay if there are no others.
+    """
+    zero = (points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0)
+    if not 1 < (none := int(zero.sum())) < len(points):
+        return points, ()
+    return points[~zero], (f"{none} of {len(points)} points are at 0, 0, 0, where nothing came back, and are left out",)
+
+
+def to_world(points: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> None:
+    """Take points (N, 3) from a sensor's frame to the world, in place and in blocks: they are never held twice."""
+    for start in range(0, len(points), BLOCK):
+        block = slice(start, start + BLOCK)
+        points[block] = points[block] @ rotation.T + position
 
 
 def records(file: object, kind: np.dtype, count: int, axes: tuple[str, ...] = ("x", "y", "z")) -> Iterable[np.ndarray]:

@@ -1,10 +1,12 @@
 """Scan files, read: the points of one scan or several, and where they were taken from if the file says so.
 
-PLY (ascii, binary), PCD (ascii, binary, compressed), E57 (several scans, with poses), LAS and LAZ, CSV (`;` or `,`),
-NPY and NPZ, XYZ text. N points. World frame of the file, in its units. Coordinates come as float64, as national grids
-need.
+PLY (ascii, binary), PCD (ascii, binary, compressed), E57 and PTX (several scans, with poses), LAS and LAZ, CSV (`;` or
+`,`), NPY and NPZ, XYZ and PTS text, bags of ROS, folders of depth images.
+
+N points. World frame of the file, in its units. Coordinates come as float64, as national grids need.
 """
 
+import functools
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -13,20 +15,29 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.formats.arrays import read_npy, read_npz
+from jaxmm.formats.bags import ENDINGS as BAGS
+from jaxmm.formats.bags import is_bag, read_bag
+from jaxmm.formats.depth_images import read_depth_folder
 from jaxmm.formats.e57 import read_e57
 from jaxmm.formats.las import read_las
 from jaxmm.formats.pcd import read_pcd
 from jaxmm.formats.ply import read_ply
-from jaxmm.formats.raw_scans import RawScan
+from jaxmm.formats.ptx import read_ptx
+from jaxmm.formats.raw_scans import RawScan, returned
 from jaxmm.formats.text import read_text
 from jaxmm.inputs import InputError, one_line
 
 READERS: dict[str, Callable[[Path], list[RawScan]]] = {
     ".ply": read_ply, ".pcd": read_pcd, ".e57": read_e57, ".las": read_las, ".laz": read_las, ".csv": read_text,
     ".npy": read_npy, ".npz": read_npz, ".xyz": read_text, ".txt": read_text, ".asc": read_text,
+    ".pts": read_text, ".ptx": read_ptx,
 }  # fmt: skip
 EXTRA = "needs the extra formats: pip install 'jaxmm[formats]'"
 FARTHEST = 1e12  # coordinates beyond are damage, and their squares would not fit
+
+
+class NoPoints(InputError):
+    """A scan in which nothing came back; beside others in a file it is left out."""
 
 
 class PointScan(NamedTuple):
@@ -37,23 +48,24 @@ class PointScan(NamedTuple):
     rotation: np.ndarray | None  # (3, 3) float64 sensor frame to world
     remarks: tuple[str, ...]  # what was left out, in words
     in_world: bool = False  # the file's points are in the sensor's frame, and were taken to the world by that pose
+    frame: str | None = None  # "sensor" or "optical" where the file says what its points' own frame is; None: untold
 
 
-def read_scans(path: Path | str) -> list[PointScan]:
-    """All scans of a file; one, but for E57.
+def read_scans(path: Path | str, topic: str | None = None) -> list[PointScan]:
+    """All scans of a file, or of a folder of depth images; one, but for these, E57, PTX, PTS and bags.
+
+    Scans without points beside others are left out, and the first one's remarks say so.
+
+    Args:
+        path: of the file or folder.
+        topic: of the clouds in a bag; None: the only one. Other files have none.
 
     Raises:
         InputError: one line that names the file and what is wrong with it: missing, of an unknown ending, of another
             format than its ending says, truncated, without points, or without a library to read it.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: expected a scan file, found {'a folder' if path.is_dir() else 'nothing there'}")
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        raise InputError(f"{path}: expected a scan ending in {', '.join(READERS)}, got {path.suffix or 'no ending'}")
-    if not path.stat().st_size:
-        raise InputError(f"{path}: expected points, found an empty file")
+    reader = _reader(path, topic)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
@@ -67,29 +79,62 @@ def read_scans(path: Path | str) -> list[PointScan]:
     except MemoryError as error:
         raise InputError(f"{path}: promises more points than fit into memory") from error
     except Exception as error:  # libraries raise almost anything on a damaged file
-        raise InputError(f"{path}: expected a whole {path.suffix} file: {_line(error)}") from error
-    return [_checked(path, found.pop(0)) for _ in range(len(found))]  # a large scan is let go when it is copied
+        kind = "folder" if path.is_dir() else f"{path.suffix} file"
+        raise InputError(f"{path}: expected a whole {kind}: {_line(error)}") from error
+    return _with_points(path, found)
+
+
+def _reader(path: Path, topic: str | None) -> Callable[[Path], list[RawScan]]:
+    if path.exists() and is_bag(path):
+        return functools.partial(read_bag, topic=topic)
+    if path.is_dir():
+        return read_depth_folder
+    if not path.is_file():
+        raise InputError(f"{path}: expected a scan file, or a folder of depth images, found nothing there")
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        endings = ", ".join((*READERS, *BAGS))
+        raise InputError(f"{path}: expected a scan ending in {endings}, got {path.suffix or 'no ending'}")
+    if not path.stat().st_size:
+        raise InputError(f"{path}: expected points, found an empty file")
+    return reader
+
+
+def _with_points(path: Path, found: list[RawScan]) -> list[PointScan]:
+    """The scans that hold points, checked; `found` is emptied, as a large scan is let go when it is copied."""
+    count, kept, empty = len(found), [], InputError(f"{path}: expected at least one scan, found none")
+    for _ in range(count):
+        try:
+            kept.append(_checked(path, found.pop(0)))
+        except NoPoints as error:
+            empty = error
+    if not kept:
+        raise empty
+    if len(kept) < count:
+        left = f"{count - len(kept)} of {count} scans hold no points and are left out"
+        kept[0] = kept[0]._replace(remarks=(left, *kept[0].remarks))
+    return kept
 
 
 def _checked(path: Path, raw: RawScan) -> PointScan:
     points = np.asarray(raw.points, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"{path}: expected points of shape (N, 3), got {points.shape}")
-    finite = np.abs(points[:, 0]) < FARTHEST
+    there = np.abs(points[:, 0]) < FARTHEST
     for axis in (1, 2):
-        finite &= np.abs(points[:, axis]) < FARTHEST
-    if not finite.any():
-        raise InputError(f"{path}: expected points with finite coordinates, got none among {len(points)}")
-    lost = int((~finite).sum())
+        there &= np.abs(points[:, axis]) < FARTHEST
+    if not there.any():
+        raise NoPoints(f"{path}: expected points with finite coordinates, got none among {len(points)}")
     remarks = raw.remarks
-    if lost:
+    if lost := int((~there).sum()):
         remarks += (f"{lost} of {len(points)} points have no finite coordinates and are left out",)
-        points = points[finite]
+        points = points[there]
+    points, told = returned(points)
     if all(np.ptp(points[:, axis]) == 0.0 for axis in range(3)):
-        raise InputError(f"{path}: expected points in space, got {len(points)} times the same one")
+        raise NoPoints(f"{path}: expected points in space, got {len(points)} times the same one")
     posed = raw.position is not None and np.isfinite(raw.position).all() and np.isfinite(raw.rotation).all()
     position, rotation = (raw.position, raw.rotation) if posed else (None, None)
-    return PointScan(points, position, rotation, remarks, posed and raw.in_world)
+    return PointScan(points, position, rotation, (*remarks, *told), posed and raw.in_world, raw.frame)
 
 
 def _line(error: Exception) -> str:

@@ -1,6 +1,7 @@
-"""Scans as text: CSV (`;`, `,` or tabs) with or without a header that names X, Y and Z, and XYZ split by blanks.
+"""Scans as text: CSV (`;`, `,` or tabs) with or without a header that names X, Y and Z, XYZ and PTS split by blanks.
 
-Lines that begin with # or // may stand before the points, and so may a line that holds their number alone.
+Lines that begin with # or // may stand before the points, and so may a line that holds their number alone. Behind so
+many points another number may begin another scan, as in PTS files.
 
 NumPy parses about a million lines in one to two seconds, the fastest of all ways at hand (its fromstring, Python's
 float and split take longer); in blocks, as the lines of 50 million points take more memory than the points.
@@ -13,10 +14,11 @@ from typing import NamedTuple, TextIO
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import BLOCK, RawScan
+from jaxmm.formats.raw_scans import BLOCK, GrowingPoints, RawScan, axes_of
 from jaxmm.inputs import InputError, one_line
 
 LONGEST_LINE = 1 << 16  # [characters] of a line before the points
+MOST_DIGITS = 18  # of a number of points
 COMMENTS = ("#", "//")
 
 
@@ -57,32 +59,59 @@ def rows(
 
 
 def read_text(path: Path) -> list[RawScan]:
-    """The points of a file whose header names X, Y and Z, or whose first three columns are plain numbers.
+    """The scans of a file whose header names X, Y and Z, or whose first three columns are plain numbers.
 
     Raises:
-        InputError: other columns; decimal commas; a row that does not hold them; fewer rows than it says; text that is
-            not UTF-8.
+        InputError: other columns, or X, Y or Z twice; decimal commas; a row that does not hold them; fewer rows than it
+            says; text that is not UTF-8.
     """
     try:
         with open(path, encoding="utf-8-sig", errors="strict") as file:
             start = _start(file)
             delimiter = _delimiter(start.header or start.row)
-            names = [name.strip().strip('"').lower() for name in start.header.lstrip("/# ").split(delimiter)]
-            columns = [names.index(axis) for axis in "xyz"] if start.header else [0, 1, 2]
+            names = [name.strip().strip('"') for name in start.header.lstrip("/# ").split(delimiter)]
+            columns = axes_of(names) if start.header else [0, 1, 2]
+            if columns is None:
+                raise InputError(f"{path}: expected columns X, Y and Z once each, got {', '.join(names)[:200]}")
             _check_first(path, start.row, delimiter, names if start.header else None)
-            lines = itertools.chain([start.row], file)
-            blocks = list(rows(lines, delimiter=delimiter, usecols=columns))
+            lines = filter(str.strip, itertools.chain([start.row], file))  # empty lines do not count
+            return list(_clouds(path, lines, start.count, delimiter=delimiter, usecols=columns))
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected UTF-8 text, got bytes that are none") from error
     except InputError:
         raise
     except ValueError as error:
         raise InputError(f"{path}: expected rows of numbers: {error}") from error
-    if not blocks:
-        raise InputError(f"{path}: expected at least one row of points, got none")
-    if (found := sum(map(len, blocks))) < start.count:
-        raise InputError(f"{path}: truncated: expected {start.count} points as it says itself, found {found}")
-    return [RawScan(np.concatenate(blocks))]
+
+
+def _clouds(path: Path, lines: Iterator[str], count: int, **how: object) -> Iterator[RawScan]:
+    """One scan after the other; `count` points are told of the first, 0 where nothing is."""
+    while True:
+        points = GrowingPoints()
+        _append(points, lines, count, **how)
+        if not len(points):
+            raise InputError(f"{path}: expected at least one row of points, got none")
+        if len(points) < count:
+            raise InputError(f"{path}: truncated: expected {count} points as it says itself, found {len(points)}")
+        following = next(lines, "")
+        if following and not _is_count(following):  # more points than it says
+            _append(points, itertools.chain([following], lines), 0, **how)
+            following = ""
+        yield RawScan(points.points())
+        if not following:
+            return
+        count = int(following[:MOST_DIGITS])
+
+
+def _append(points: GrowingPoints, lines: Iterator[str], count: int, **how: object) -> None:
+    """Take the next `count` rows of numbers, or all if it is 0."""
+    for block in rows(lines, count or None, **how):
+        points.append(block)
+
+
+def _is_count(line: str) -> bool:
+    bare = line.strip()
+    return bare.isascii() and bare.isdigit()
 
 
 def _start(file: TextIO) -> _Start:
@@ -93,8 +122,8 @@ def _start(file: TextIO) -> _Start:
         names = {name.strip().strip('"').lower() for name in bare.lstrip("/# ").split(_delimiter(bare))}
         if not header and names >= {"x", "y", "z"}:
             header = bare
-        elif not count and bare.isascii() and bare.isdigit():
-            count = int(bare[:18])
+        elif not count and _is_count(bare):
+            count = int(bare[:MOST_DIGITS])
         elif bare and not bare.startswith(COMMENTS):
             return _Start(header, count, line)
     return _Start(header, count, "")

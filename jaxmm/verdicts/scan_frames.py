@@ -70,11 +70,12 @@ def own_scan(scan: PointScan, given: GivenPose | None, frame: str | None) -> Own
             to the world, or else the file's own; where the reader did so already (`in_world`), that is undone for a
             given one. "optical" is the same of points whose z is forward, x right and y down; a rotation that the file
             says is then that of this frame. None: the world's, `otherwise` moved there by a pose in the file that does
-            not say for which of both it is meant.
+            not say for which of both it is meant. A frame that the format itself tells counts more.
 
     Raises:
         InputError: points in the sensor's frame without any pose.
     """
+    frame = scan.frame or frame
     if frame is None:
         if not is_untold(scan):
             return own_scan(scan, given, "world")
@@ -164,6 +165,8 @@ def frame_that_fits(
         unit: [m] of its points if it is known.
         least: share of its points that must lie on the prior then.
     """
+    if scan.frame is not None:  # the format tells it
+        return ""
     shares, distance, scan = {}, distance_from(prior), scan._replace(points=thinned(scan.points))
     stated = max(_on(one, distance, unit) for one in own_scan(scan, given, frame).ways())
     for other in FRAMES:

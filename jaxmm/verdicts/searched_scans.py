@@ -77,7 +77,7 @@ def sensor_points(scan: PointScan, frame: str) -> np.ndarray:
     A pose in the file took them to the world, or is that of a sensor whose points are in the world, unless `frame` says
     that they are in the sensor's.
     """
-    points = scan.points
+    points, frame = scan.points, scan.frame or frame
     if scan.position is not None and (scan.in_world or frame == "world"):
         points = (points - scan.position) @ scan.rotation
     return points @ OPTICAL.T if frame == "optical" else points

@@ -130,6 +130,32 @@ def xyz() -> ValidFile:
     return ValidFile(".xyz", "".join(f"{x} {y} {z} 0.5\n" for x, y, z in POINTS).encode())
 
 
+def pts() -> ValidFile:
+    return ValidFile(".pts", ("40\n" + "".join(f"{x} {y} {z} -1200 1 2 3\n" for x, y, z in POINTS)).encode())
+
+
+def ptx() -> ValidFile:
+    """Two scans of 40 points, with a ray without a return after each of them."""
+    head = "2\n40\n1 2 3\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n1 2 3 1\n"
+    scan = head + "".join(f"{x} {y} {z} 0.5\n0 0 0 0\n" for x, y, z in POINTS)
+    return ValidFile(".ptx", (2 * scan).encode())
+
+
+def bag(kind: str) -> ValidFile:
+    """Two clouds of 40 points of a sensor that moves, and its transforms."""
+    from tests.cases.bags import Types, write_bag
+
+    types, messages = Types(kind), []
+    for number in range(2):
+        time, place = 100.0 + number, np.array([0.5 * number, 0.0, 1.5])
+        messages.append(("/tf", time, types.tf(time, ("map", "lidar", (place, np.eye(3))))))
+        messages.append(("/points", time, types.cloud(time, "lidar", POINTS - GRID)))
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_bag(Path(folder) / "file", kind, messages)
+        path = path if path.is_file() else next(one for one in path.iterdir() if one.suffix in (".db3", ".mcap"))
+        return ValidFile(path.suffix, path.read_bytes())
+
+
 def npy() -> ValidFile:
     return ValidFile(".npy", _saved(".npy", lambda path: np.save(path, POINTS)))
 
@@ -236,6 +262,11 @@ SCANS: dict[str, Callable[[], ValidFile]] = {
     "csv-thesis": csv_thesis,
     "csv-commas": csv_commas,
     "xyz": xyz,
+    "pts": pts,
+    "ptx": ptx,
+    "bag-ros1": lambda: bag("ros1"),
+    "bag-mcap": lambda: bag("mcap"),
+    "bag-sqlite3": lambda: bag("sqlite3"),
     "npy": npy,
     "npz-points": npz_points,
     "npz-rays": npz_rays,

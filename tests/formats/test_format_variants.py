@@ -8,47 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from jaxmm.formats.readers import read_scans
 from jaxmm.inputs import InputError
+from tests.cases.e57_files import write_e57
 
 RNG = np.random.default_rng(5)
 POINTS = np.round(RNG.uniform([-5, -4, 0], [5, 4, 3], (300, 3)), 4)
 GRID = np.array([412_345.0, 5_678_901.0, 30.0])
 NATIONAL = POINTS + GRID
 POSE = np.array([1.0, -2.0, 1.5])
-
-
-def write_e57(path, scans):
-    """`scans`: columns by name, and the pose (position, quaternion w, x, y, z) or None, of each."""
-    import pye57
-    from pye57 import libe57
-
-    with pye57.E57(str(path), mode="w") as file:
-        image = file.image_file
-
-        def structure(names, values):
-            node = libe57.StructureNode(image)
-            for name, value in zip(names, values, strict=True):
-                node.set(name, libe57.FloatNode(image, float(value)))
-            return node
-
-        for columns, pose in scans:
-            scan, kinds = libe57.StructureNode(image), libe57.StructureNode(image)
-            file.data3d.append(scan)
-            if pose is not None:
-                node = libe57.StructureNode(image)
-                scan.set("pose", node)
-                node.set("rotation", structure("wxyz", pose[1]))
-                node.set("translation", structure("xyz", pose[0]))
-            buffers = libe57.VectorSourceDestBuffer()
-            for name, column in columns.items():
-                whole = column.dtype.kind == "i"
-                kinds.set(name, libe57.IntegerNode(image, 0, 0, 2) if whole else libe57.FloatNode(image, 0.0))
-                buffers.append(libe57.SourceDestBuffer(image, name, column, len(column), True, True))
-            points = libe57.CompressedVectorNode(image, kinds, libe57.VectorNode(image, True))
-            scan.set("points", points)
-            writer = points.writer(buffers)
-            if len(column):
-                writer.write(len(column))
-            writer.close()
 
 
 def test_every_scan_of_an_e57_file_comes_with_its_pose(tmp_path):

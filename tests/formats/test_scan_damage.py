@@ -15,8 +15,8 @@ from jaxmm.inputs import InputError
 from tests.cases.valid_files import PRIORS, SCANS
 from warp_scanner.buildings.files import read_building
 
-LIBRARIES = {"pcd": "pypcd4", "e57": "pye57", "las": "laspy", "laz": "lazrs"}
-TEXT = ("csv-thesis", "csv-commas", "xyz")  # may end after any line
+LIBRARIES = {"bag": "rosbags", "pcd": "pypcd4", "e57": "pye57", "las": "laspy", "laz": "lazrs"}
+TEXT = ("csv-thesis", "csv-commas", "xyz", "pts", "ptx")  # may end after any line, or scan
 FEW = 50 << 20  # bytes that a refusal may take
 
 
@@ -64,7 +64,7 @@ def test_what_is_cut_off_is_refused(tmp_path, valid):
 def test_another_format_under_the_ending_is_refused(tmp_path, valid):
     _, file = valid
     endings = {".las": (".las", ".laz"), ".laz": (".las", ".laz")}
-    text = (".csv", ".xyz", ".txt", ".asc")
+    text = (".csv", ".xyz", ".txt", ".asc", ".pts")
     for ending in READERS:
         if (
             ending != file.ending
@@ -161,10 +161,10 @@ def test_text_in_another_encoding_is_refused(tmp_path):
 
 
 def test_names_that_are_not_utf_8_are_read_or_refused_in_one_line(tmp_path, valid):
-    _, file = valid
+    name, file = valid
     path = tmp_path / os.fsdecode(b"b\xfcro" + file.ending.encode())
     path.write_bytes(file.data)
-    if file.ending == ".e57":
+    if file.ending == ".e57" or name.startswith("bag"):
         assert "rename it" in refusal(path, file.data)
     else:
         assert len(read_scans(path)[0].points) == 40

@@ -1,4 +1,4 @@
-"""Reads mesh files (OBJ, PLY, GLB, GLTF, STL) through trimesh: every node with a surface becomes one element.
+"""Reads mesh files (OBJ, GLB and GLTF; PLY and STL through trimesh): every node with a surface becomes one element.
 
 Where no node's name tells what it is, the mesh is taken apart at its gaps, and walls, pillars and floors are told by
 shape; what is of one piece with everything else stays one element of no class.
@@ -11,13 +11,16 @@ from typing import Any
 
 import numpy as np
 
+from warp_scanner.buildings.gltf_files import read_gltf
 from warp_scanner.buildings.mesh_pieces import pieces_of
+from warp_scanner.buildings.obj_files import MeshNode, read_obj
 from warp_scanner.quiet import silent
 from warp_scanner.scenes.building import AS_IT_IS, NO_STOREYS, Building, Failure, Found, Part, ReadOptions, assemble
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
 
 SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl")
 _GLTF = (".glb", ".gltf")  # their standard has y up
+_READERS = {".obj": read_obj, ".glb": read_gltf, ".gltf": read_gltf}
 _WORDS = (("wall", WALL), ("column", PILLAR), ("pillar", PILLAR), ("door", DOOR), ("window", WINDOW), ("floor", FLOOR),
           ("slab", FLOOR), ("ceiling", CEILING), ("roof", CEILING), ("furniture", FURNITURE))  # fmt: skip
 
@@ -38,19 +41,19 @@ def read_mesh(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"{path}: expected a file, found {'a folder' if path.is_dir() else 'nothing there'}")
-    nodes = _nodes(path)
+    nodes = _own_nodes(path) if path.suffix.lower() in _READERS else _nodes(path)
     y_up = path.suffix.lower() in _GLTF if options.y_up is None else options.y_up
     parts, names = [], set()
-    for name, mesh in nodes:
+    for name, vertices, faces in nodes:
         semantic = next((semantic for word, semantic in _WORDS if word in name.lower()), OTHER)
         if (semantic == DOOR and options.doors == "open") or (semantic == WINDOW and options.glass == "transparent"):
             continue
         guid = next(g for n in range(len(nodes) + 1) if (g := f"{name}_{n}" if n else name) not in names)
         names.add(guid)
-        vertices = np.asarray(mesh.vertices, np.float64) * options.unit
+        vertices = vertices * options.unit
         if y_up:
             vertices = vertices @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-        parts.append(Part(guid, "", name, -1, semantic, vertices, np.asarray(mesh.faces, np.int64).reshape(-1, 3)))
+        parts.append(Part(guid, "", name, -1, semantic, vertices, faces))
     if not parts:
         raise ValueError(f"{path}: expected a mesh with faces, found none")
     parts, notes = _by_shape(parts) if all(part.semantic == OTHER for part in parts) else (parts, ())
@@ -97,21 +100,33 @@ def crowded_edges(vertices: np.ndarray, faces: np.ndarray) -> int:
     return int(np.sum(count > 2))
 
 
-def _nodes(path: Path) -> list[tuple[str, Any]]:
+def _own_nodes(path: Path) -> list[MeshNode]:
+    """Those of the formats that are read here."""
+    try:
+        return [node for node in _READERS[path.suffix.lower()](path) if len(node.faces)]
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from error
+    except MemoryError as error:
+        raise ValueError(f"{path}: promises more than fits into memory") from error
+
+
+def _nodes(path: Path) -> list[MeshNode]:
     """Names and meshes of all nodes with faces, in world coordinates."""
     import trimesh  # slow to import, and generated rooms do not need it
 
     try:
         with silent("trimesh"):
             # Unprocessed: merging or dropping vertices would hide what is wrong with the file.
-            scene = trimesh.load_scene(path, process=False, split_objects=True, group_material=False)
+            scene = trimesh.load_scene(path, process=False)
             nodes = []
             for node in scene.graph.nodes_geometry:
                 matrix, name = scene.graph[node]
                 mesh = scene.geometry[name]
                 if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
                     _check_shapes(mesh)
-                    nodes.append((str(node), mesh.copy().apply_transform(matrix)))
+                    moved = mesh.copy().apply_transform(matrix)
+                    vertices, faces = np.asarray(moved.vertices, np.float64), np.asarray(moved.faces, np.int64)
+                    nodes.append(MeshNode(str(node), vertices, faces.reshape(-1, 3)))
     except UnicodeEncodeError as error:
         raise ValueError(f"{path}: expected a name in UTF-8, which the library for meshes needs; rename it") from error
     except Exception as error:  # every format's parser raises classes of its own
