@@ -113,7 +113,7 @@ def test_what_cannot_be_scanned_is_one_line(house, tmp_path, refused):
     refused(scan(scene=broken), "broken.ifc", "expected an IFC file")
     refused(scan(out=tmp_path / "broken.ifc" / "scan.ply"), "--out", "broken.ifc")
     assert [path.name for path in tmp_path.iterdir()] == ["broken.ifc"]
-    faces = {"f 1 2 3": "NaN or infinity in 1 of 'mesh.obj'", "": "expected a mesh with faces, found none"}
+    faces = {"f 1 2 3": "NaN or infinity in 1 of 'mesh'", "": "expected a mesh with faces, found none"}
     for face, words in faces.items():
         mesh = tmp_path / "mesh.obj"
         mesh.write_text(f"v nan 0 0\nv 1 0 0\nv 0 1 0\n{face}\n")
