@@ -32,7 +32,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("prior", type=Path, metavar="PRIOR", help="building model: .ifc, a mesh, or a point cloud")
     command.add_argument(
         "scans", type=Path, nargs="+", metavar="SCAN",
-        help=".ply, .pcd, .e57, .ptx, .pts, .las, .laz, .csv, .npy, .npz, .xyz, .txt or .asc; E57, PTX and PTS "
+        help=".ply, .pcd, .e57, .ptx, .pts, .las, .laz, .vtk, .csv, .npy, .npz, .xyz, .txt or .asc; E57, PTX and PTS "
         "may hold several; bags: .bag, .mcap, .db3 or a folder; or a folder of depth images",
     )  # fmt: skip
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the reports")

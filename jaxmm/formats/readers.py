@@ -1,7 +1,7 @@
 """Scan files, read: the points of one scan or several, and where they were taken from if the file says so.
 
 PLY (ascii, binary), PCD (ascii, binary, compressed), E57 and PTX (several scans, with poses), LAS and LAZ, CSV (`;` or
-`,`), NPY and NPZ, XYZ and PTS text, bags of ROS, folders of depth images.
+`,`), NPY and NPZ, XYZ and PTS text, legacy VTK, bags of ROS, folders of depth images.
 
 N points. World frame of the file, in its units. Coordinates come as float64, as national grids need.
 """
@@ -25,12 +25,13 @@ from jaxmm.formats.ply import read_ply
 from jaxmm.formats.ptx import read_ptx
 from jaxmm.formats.raw_scans import RawScan, returned
 from jaxmm.formats.text import read_text
+from jaxmm.formats.vtk import read_vtk
 from jaxmm.inputs import InputError, one_line
 
 READERS: dict[str, Callable[[Path], list[RawScan]]] = {
     ".ply": read_ply, ".pcd": read_pcd, ".e57": read_e57, ".las": read_las, ".laz": read_las, ".csv": read_text,
     ".npy": read_npy, ".npz": read_npz, ".xyz": read_text, ".txt": read_text, ".asc": read_text,
-    ".pts": read_text, ".ptx": read_ptx,
+    ".pts": read_text, ".ptx": read_ptx, ".vtk": read_vtk,
 }  # fmt: skip
 EXTRA = "needs the extra formats: pip install 'jaxmm[formats]'"
 FARTHEST = 1e12  # coordinates beyond are damage, and their squares would not fit

@@ -134,6 +134,13 @@ def pts() -> ValidFile:
     return ValidFile(".pts", ("40\n" + "".join(f"{x} {y} {z} -1200 1 2 3\n" for x, y, z in POINTS)).encode())
 
 
+def vtk() -> ValidFile:
+    """Big-endian numbers."""
+    points = np.asarray(POINTS, ">f4")
+    header = f"# vtk DataFile Version 3.0\nmade here\nBINARY\nDATASET POLYDATA\nPOINTS {len(points)} float\n"
+    return ValidFile(".vtk", header.encode() + points.tobytes())
+
+
 def ptx() -> ValidFile:
     """Two scans of 40 points, with a ray without a return after each of them."""
     head = "2\n40\n1 2 3\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n1 2 3 1\n"
@@ -264,6 +271,7 @@ SCANS: dict[str, Callable[[], ValidFile]] = {
     "xyz": xyz,
     "pts": pts,
     "ptx": ptx,
+    "vtk": vtk,
     "bag-ros1": lambda: bag("ros1"),
     "bag-mcap": lambda: bag("mcap"),
     "bag-sqlite3": lambda: bag("sqlite3"),
