@@ -101,7 +101,7 @@ def test_viewpoints_of_pcd(tmp_path, viewpoint, posed):
         ("a.txt", "3\n1 2 3 4\n5 6 7 8\n", "truncated: expected 3 points as it says itself, found 2"),
         ("a.txt", "7\n8\n9\n", "columns X, Y and Z, got 8"),
         ("a.txt", "1 2 3\n# a comment amid points\n4 5 6\n", "rows of numbers"),
-        ("a.vtk", "# vtk DataFile Version 3.0\n", "a scan ending in .ply, .pcd, .e57, .las, .laz, .csv"),
+        ("a.wrl", "#VRML V2.0 utf8\n", "a scan ending in .ply, .pcd, .e57, .las, .laz, .csv"),
         ("a.ply", "# vtk DataFile Version 3.0\n", "expected a PLY file"),
     ],
 )
