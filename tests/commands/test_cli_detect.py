@@ -16,7 +16,8 @@ from warp_scanner.clouds.points import points_of
 
 OUTPUTS = {
     "report.json", "report.md", "report.html", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv",
-    "mismatches.ply", "mismatches.bcf", "plan.png", "evidence.png", "probability.png", "updated.ifc", "undo.json",
+    "mismatches.ply", "points.ply", "mismatches.bcf", "plan.png", "evidence.png", "probability.png", "updated.ifc",
+    "undo.json",
 }  # fmt: skip
 
 
