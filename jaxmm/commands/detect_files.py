@@ -15,6 +15,7 @@ from jaxmm.formats.bags import is_bag
 from jaxmm.formats.poses import SEARCH, AskedPose, GivenPose
 from jaxmm.formats.readers import PointScan, read_scans
 from jaxmm.formats.units import FITS
+from jaxmm.ifc.as_built import write_as_built
 from jaxmm.ifc.update import write_update
 from jaxmm.inputs import InputError, Misfit, clipped
 from jaxmm.learning.prediction import read_judges
@@ -133,7 +134,9 @@ def detect(
     return detection._replace(timing=detection.timing | {"loading": loaded}, prior=read.file)
 
 
-def write_all(detection: Detection, prior: Path | str, out: Path | str, *, apply: bool = False) -> list[str]:
+def write_all(
+    detection: Detection, prior: Path | str, out: Path | str, *, apply: bool = False, as_built: bool = False
+) -> list[str]:
     """Write every output into a new folder, whole or not at all; returns what is to be said about it, a line each.
 
     Args:
@@ -141,6 +144,7 @@ def write_all(detection: Detection, prior: Path | str, out: Path | str, *, apply
         prior: its file; an IFC file is also written anew with the changes marked, or made.
         out: folder that does not exist yet, or is empty.
         apply: delete removed elements instead of marking them; not while a scan may be of another place or pose.
+        as_built: of an IFC file, also write the model with displaced elements where they were measured; likewise.
 
     Raises:
         InputError: the folder holds something, or cannot be written.
@@ -155,6 +159,8 @@ def write_all(detection: Detection, prior: Path | str, out: Path | str, *, apply
         write_bcf(work / "mismatches.bcf", detection, project=prior.stem)
         if prior.suffix.lower() == ".ifc":
             said.extend(write_update(prior, detection, work, apply=apply).notes)
+            if as_built:
+                said.extend(write_as_built(prior, detection, work))
         timing = detection.timing | {"writing": time.perf_counter() - start}
         write_plain(work, detection._replace(timing=timing))
         if not write_workbook(work / WORKBOOK, detection):

@@ -22,6 +22,7 @@ FRAMES = (
 )
 UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
 CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
+AS_BUILT = "also write as_built.ifc: the model with displaced elements where they were measured"
 SETTINGS = (
     'any field of jaxmm/verdicts/settings.py, as TOML: classes = ["wall"], or of a table in it: objects.threshold = 0.4'
 )
@@ -49,6 +50,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--settings", type=Path, metavar="FILE.toml", help=SETTINGS)
     command.add_argument("--classes", action="append", default=[], metavar="CLASS,...", help=CLASSES)
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
+    command.add_argument("--as-built", action="store_true", help=AS_BUILT)
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
     command.add_argument("--frame", choices=("world", "sensor", "optical"), help=FRAMES)
     command.add_argument("--topic", metavar="NAME", help="of the clouds in bags; default: the only one that there is")
@@ -99,7 +101,7 @@ def detect(options: argparse.Namespace) -> None:
     )  # fmt: skip
     for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
         print(note)
-    said = detect_files.write_all(detection, options.prior, options.out, apply=options.apply)
+    said = detect_files.write_all(detection, options.prior, options.out, apply=options.apply, as_built=options.as_built)
     for line in (*said, *sentences_of(detection), detection.summary()):
         print(line)
     print(f"reports: {options.out}")
@@ -144,6 +146,8 @@ def _check_kind(options: argparse.Namespace) -> None:
         return
     if options.apply:
         raise InputError(f"--apply: only for IFC, whose elements it deletes; {options.prior} is a {kind}")
+    if options.as_built:
+        raise InputError(f"--as-built: only for IFC, whose elements it moves; {options.prior} is a {kind}")
     if kind == "cloud" and (options.open_doors or options.clear_glass):
         raise InputError(f"--open-doors, --clear-glass: not for a point cloud, as {options.prior} is")
 

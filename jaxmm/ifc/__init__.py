@@ -1,4 +1,4 @@
-"""The text of a model in; the same with edits out, and back. May import: root, learning, verdicts."""
+"""The text of a model in; the same with edits out, and back. May import: root, learning, deviations, verdicts."""
 
 import lazy_loader
 

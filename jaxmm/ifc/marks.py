@@ -1,26 +1,58 @@
-"""Marks on elements of an IFC model: a property set of our own, and Status where the schema has it."""
+"""Marks on elements of an IFC model: property sets of our own, and Status and uncertainty where the schema has them."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from jaxmm.ifc.draft import Draft
 
-OWN_SET = "jaxmm_Verdict"  # the prefix Pset_ is the standard's
+OWN_SET, DEVIATION_SET = "jaxmm_Verdict", "jaxmm_Deviation"  # the prefix Pset_ is the standard's
+UNCERTAINTY_SET = "Pset_Uncertainty"  # from IFC4X3 on
 COMMON_SETS = {"IfcWall": "Pset_WallCommon", "IfcColumn": "Pset_ColumnCommon"}  # hold Status, from IFC4 on
 DEMOLISH, NEW = "DEMOLISH", "NEW"
 _ENUMERATION = "PEnum_ElementStatus"
 _STATUSES = ("NEW", "EXISTING", "DEMOLISH", "TEMPORARY", "OTHER", "NOTKNOWN", "UNSET")
+_BASIS_ENUMERATION, MEASUREMENT = "PEnum_UncertaintyBasis", "MEASUREMENT"
+_BASES = (
+    "ASSESSMENT", "ESTIMATE", "INTERPRETATION", MEASUREMENT, "OBSERVATION", "NOTKNOWN", "USERDEFINED", "NOTDEFINED",
+)  # fmt: skip
 
 
-def mark(draft: Draft, element: Any, values: dict[str, Any]) -> None:
-    """Give an element our property set; one of an earlier update is replaced.
+class Measure(NamedTuple):
+    """A number of a kind, like IfcLengthMeasure, in the file's unit of that kind."""
+
+    kind: str
+    value: float
+
+
+def mark(draft: Draft, element: Any, values: dict[str, Any], name: str = OWN_SET) -> None:
+    """Give an element a property set of ours; one of an earlier update is replaced.
 
     Args:
         draft: the model.
         element: one of its products.
-        values: by name of the property: text, a number, a tuple of texts; None and () are left out.
+        values: by name of the property: text, a number, a Measure, a tuple of texts; None and () are left out.
+        name: of the set.
     """
     properties = [_property(draft, name, value) for name, value in values.items() if value not in (None, ())]
-    _set_properties(draft, element, OWN_SET, properties, keep=False)
+    _set_properties(draft, element, name, properties, keep=False)
+
+
+def set_uncertainty(draft: Draft, element: Any, width: Measure, words: str) -> bool:
+    """Say in the standard's set how wide the interval of an element's place is, and how that is known.
+
+    Returns:
+        Whether the schema has such a set; otherwise nothing is changed.
+    """
+    if draft.model.schema != "IFC4X3":
+        return False
+    basis = draft.create(
+        "IfcPropertyEnumeratedValue",
+        Name="UncertaintyBasis", EnumerationValues=[draft.create("IfcLabel", MEASUREMENT)],
+        EnumerationReference=_enumeration(draft, _BASIS_ENUMERATION, _BASES, MEASUREMENT),
+    )  # fmt: skip
+    told = {"UncertaintyDescription": words, "LinearUncertainty": width}
+    properties = [basis, *(_property(draft, name, value) for name, value in told.items())]
+    _set_properties(draft, element, UNCERTAINTY_SET, properties, keep=True)
+    return True
 
 
 def set_status(draft: Draft, element: Any, status: str) -> bool:
@@ -35,7 +67,7 @@ def set_status(draft: Draft, element: Any, status: str) -> bool:
     value = draft.create(
         "IfcPropertyEnumeratedValue",
         Name="Status", EnumerationValues=[draft.create("IfcLabel", status)],
-        EnumerationReference=_enumeration(draft, status),
+        EnumerationReference=_enumeration(draft, _ENUMERATION, _STATUSES, status),
     )  # fmt: skip
     _set_properties(draft, element, name, [value], keep=True)
     return True
@@ -86,6 +118,9 @@ def _bare_set(draft: Draft, element: Any, name: str, properties: list[Any]) -> A
 
 
 def _property(draft: Draft, name: str, value: Any) -> Any:
+    if isinstance(value, Measure):
+        number = draft.create(value.kind, value.value)
+        return draft.create("IfcPropertySingleValue", Name=name, NominalValue=number)
     if isinstance(value, tuple):
         return draft.create(
             "IfcPropertyListValue", Name=name, ListValues=[draft.create("IfcText", one) for one in value]
@@ -94,10 +129,9 @@ def _property(draft: Draft, name: str, value: Any) -> Any:
     return draft.create("IfcPropertySingleValue", Name=name, NominalValue=draft.create(kind, value))
 
 
-def _enumeration(draft: Draft, status: str) -> Any:
-    """The file's own enumeration of that name, as names are unique, or a new one; None where it lacks the status."""
+def _enumeration(draft: Draft, name: str, words: tuple[str, ...], used: str) -> Any:
+    """The file's own enumeration of that name, as names are unique, or a new one; None where it lacks the word."""
     for found in draft.model.by_type("IfcPropertyEnumeration"):
-        if found.Name == _ENUMERATION:
-            return found if status in {one.wrappedValue for one in found.EnumerationValues} else None
-    values = [draft.create("IfcLabel", one) for one in _STATUSES]
-    return draft.create("IfcPropertyEnumeration", _ENUMERATION, values)
+        if found.Name == name:
+            return found if used in {one.wrappedValue for one in found.EnumerationValues} else None
+    return draft.create("IfcPropertyEnumeration", name, [draft.create("IfcLabel", one) for one in words])

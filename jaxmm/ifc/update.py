@@ -1,7 +1,8 @@
 """`updated.ifc`: the building model with what a detection found written into it.
 
-Removed elements are marked, or deleted when asked; occluded ones are marked; added objects become walls and columns.
-Present and unscanned elements are not touched. The file that was read is never written to.
+Removed elements are marked, or deleted when asked; occluded and displaced ones are marked; added objects become walls
+and columns. Every element whose place was measured is told how far off it is. All others are not touched, and the file
+that was read is never written to.
 """
 
 import math
@@ -10,15 +11,16 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from jaxmm.ifc.deviations import told_of, units_of
 from jaxmm.ifc.draft import Draft, open_draft
-from jaxmm.ifc.marks import DEMOLISH, NEW, mark, set_status
+from jaxmm.ifc.marks import DEMOLISH, DEVIATION_SET, NEW, mark, set_status, set_uncertainty
 from jaxmm.ifc.new_elements import add_object, contain, flaw_of, ground_of
 from jaxmm.ifc.removal import delete, hanging_on
 from jaxmm.ifc.undo import UPDATED, write_with_undo
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import sentence
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, box_of, told_probability
-from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED, STANDS
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, REMOVED, STANDS
 
 NOT_APPLIED = "--apply: removed elements are marked, not deleted: it is open whether every scan is of this place"
 
@@ -62,6 +64,7 @@ def write_update(
         update.notes.append(NOT_APPLIED)
     update.mark_removed(apply)
     update.mark_occluded()
+    update.mark_measured()
     update.add()
     if apply:
         update.delete_removed()
@@ -115,6 +118,24 @@ class _Update:
             if one.verdict == OCCLUDED and one.guid not in self.removed and self._mark_verdict(one):
                 self.occluded[one.guid] = one
 
+    def mark_measured(self) -> None:
+        """How far off its place every element stands that was measured; displaced ones get our verdict, too."""
+        units, words = units_of(self.draft.model), f"95 % interval of its place, measured by {self.draft.software}"
+        for one in self.detection.elements:
+            if one.deviation is None or one.guid in self.removed:
+                continue
+            element = self._find(one.guid, "an element that was measured")
+            if element is None:
+                continue
+            if one.verdict == DISPLACED:
+                self._mark(element, one.verdict, one.probability)
+            files = tuple(self.detection.scans[scan].file for scan in one.deviation.scans)
+            values = told_of(one.deviation, units) | {"Scans": files} | self._source()
+            mark(self.draft, element, values, DEVIATION_SET)
+            width = units.of_length(2.0 * one.deviation.half)
+            if width is not None and width.value > 0.0:
+                set_uncertainty(self.draft, element, width, words)
+
     def add(self) -> None:
         """A wall or column for every added mismatch, on its storey."""
         ground, contents = ground_of(self.draft.model), {}
@@ -166,12 +187,14 @@ class _Update:
             "Verdict": verdict,
             "Probability": _known(told_probability(probability)),
             **more,
-            "Doubts": self._doubts,
             "Scans": tuple(one.file for one in self.detection.scans),
-            "Date": self.draft.when.isoformat(timespec="seconds"),
-            "Software": self.draft.software,
         }
-        mark(self.draft, element, values)
+        mark(self.draft, element, values | self._source())
+
+    def _source(self) -> dict[str, Any]:
+        """What every mark says of where it comes from."""
+        date = self.draft.when.isoformat(timespec="seconds")
+        return {"Doubts": self._doubts, "Date": date, "Software": self.draft.software}
 
     def _find(self, guid: str | None, what: str) -> Any:
         """The one product of that GlobalId; None, with a note, where there is not exactly one."""

@@ -129,6 +129,6 @@ def summary_of(elements: Iterable[ElementVerdict]) -> str:
     half, most = (millimetres(float(np.quantile(off, share))) for share in (0.5, 0.95))
     were, stand = ("was", "stands") if len(told) == 1 else ("were", "stand")
     return (
-        f"The place of {len(told)} of {count} elements {were} measured: half of them {stand} within {half} mm of the "
-        f"model, 95 % within {most} mm."
+        f"{len(told)} of {count} elements {were} measured: half of them {stand} within {half} mm of their places, 95 % "
+        f"within {most} mm."
     )

@@ -17,11 +17,12 @@ from jaxmm.files import write_atomically, write_json, write_text
 from jaxmm.rays.evidence import BLOCKED, FRACTIONS, SUPPORT, THROUGH, UNSEEN
 from jaxmm.reports.deviation_words import displaced, measured, offset_in_words, place_in_words, span_of
 from jaxmm.reports.markdown import as_markdown, printable
-from jaxmm.verdicts.mismatch_points import mismatch_points
+from jaxmm.verdicts.mismatch_points import mismatch_points, signed_distances
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, to_json, told_probability
 
 PLAIN_FILES = (
     "report.json", "report.md", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv", "mismatches.ply",
+    "points.ply",
 )  # fmt: skip
 ADDED_COLOR, REMOVED_COLOR = (0, 114, 178), (213, 94, 0)  # blue and vermillion: told apart with every colour blindness
 GREYS = {SUPPORT: 205, THROUGH: 160, UNSEEN: 115, BLOCKED: 70}  # of points that show no mismatch, by their evidence
@@ -49,7 +50,7 @@ PLY_FIELDS = [
 
 
 def write_plain(folder: Path, detection: Detection) -> None:
-    """Write PLAIN_FILES.
+    """Write PLAIN_FILES; the last only where the prior has a surface.
 
     Args:
         folder: exists; older files of these names are replaced, each in one move.
@@ -65,6 +66,7 @@ def write_plain(folder: Path, detection: Detection) -> None:
     _write_csv(folder / "elements.csv", elements_csv(detection.elements))
     _write_csv(folder / "deviations.csv", deviations_csv(detection.elements))
     write_mismatch_points(folder / "mismatches.ply", detection)
+    write_points(folder / "points.ply", detection)
 
 
 def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
@@ -151,6 +153,28 @@ def write_mismatch_points(path: Path, detection: Detection) -> None:
         "ply\nformat binary_little_endian 1.0\n"
         "comment metres, z up; blue: added, vermillion: removed, grey: unchanged or not told\n"
         "comment side 0: measured by the robot, 1: of the building model\n"
+        f"element vertex {len(table)}\n{properties}end_header\n"
+    )
+    write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))
+
+
+def write_points(path: Path, detection: Detection) -> None:
+    """Write the robot's points with their signed distances to the model's surface; nothing where it has none.
+
+    Binary, little endian, with double coordinates. `scalar_distance` [m] is positive before the surface, as seen from
+    where the point was measured, negative behind it; CloudCompare takes it for a scalar field.
+    """
+    distance, drawing = signed_distances(detection), detection.drawing
+    if distance is None:
+        return
+    fields = [*((name, "<f8", "double") for name in "xyz"), ("scalar_distance", "<f4", "float"), ("scan", "<i4", "int")]
+    table = np.zeros(len(distance), [(name, kind) for name, kind, _ in fields])
+    for axis, name in enumerate("xyz"):
+        table[name] = drawing.origin[axis] + drawing.robot[:, axis].astype(np.float64)
+    table["scalar_distance"], table["scan"] = distance, drawing.robot_scan + 1
+    properties = "".join(f"property {kind} {name}\n" for name, _, kind in fields)
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment metres, z up; distance to the model, before it positive\n"
         f"element vertex {len(table)}\n{properties}end_header\n"
     )
     write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))

@@ -1,4 +1,4 @@
-"""Which of a detection's drawn points show which mismatch.
+"""What a detection's drawn points show: which mismatch, and how far off the model each lies.
 
 N points of the robot's scans, M of the prior's, as in `report.Drawing`.
 """
@@ -10,8 +10,12 @@ import numpy as np
 from jaxmm.learning.boxes import Box
 from jaxmm.rays.evidence import SUPPORT, THROUGH
 from jaxmm.verdicts.results import Detection, Mismatch
+from warp_scanner.scenes.building import Triangles
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.triangles import cast_triangles, clearance, prepare
 
 MARGIN = 0.1  # [m] about a box: points are thinned to about this, and a box need not hold the noise
+FARTHEST = 100.0  # [m] off the model's surface, beyond which no distance is told
 
 
 class MismatchPoints(NamedTuple):
@@ -58,3 +62,28 @@ def inside(mismatch: Mismatch | Box, offsets: np.ndarray, origin: np.ndarray) ->
     across = away[:, 1] * np.cos(yaw) - away[:, 0] * np.sin(yaw)
     reach = np.asarray(mismatch.dimensions, np.float64) / 2 + MARGIN
     return (np.abs(np.column_stack([along, across, away[:, 2]])) <= reach).all(axis=1)
+
+
+def signed_distances(detection: Detection) -> np.ndarray | None:
+    """How far each of the robot's points lies off the model's surface, (N,) float32 [m]; None where it has none.
+
+    Positive before the surface, as seen from where the point was measured, negative behind it; NaN beyond FARTHEST.
+    """
+    drawing = detection.drawing
+    if drawing.faces is None or not len(drawing.faces):
+        return None
+    nothing = np.zeros(len(drawing.guid), np.uint8)
+    scene = prepare(Triangles(drawing.vertices, drawing.faces, drawing.face_element, nothing))
+    distance = clearance(scene, drawing.robot, FARTHEST)
+    distance[distance >= FARTHEST] = np.nan
+    for number, scan in enumerate(detection.scans):
+        own = np.flatnonzero(drawing.robot_scan == number)
+        sensor = np.array(scan.pose[:3], np.float64) - drawing.origin
+        way = drawing.robot[own] - sensor
+        reach = np.linalg.norm(way, axis=1)
+        own, way, reach = own[reach > 0.0], way[reach > 0.0], reach[reach > 0.0]
+        if len(own):
+            rays = Rays(sensor[None], (way / reach[:, None]).astype(np.float32))
+            behind = reach > cast_triangles(scene, rays).distance[0]
+            distance[own[behind]] *= -1.0
+    return distance

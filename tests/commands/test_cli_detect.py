@@ -16,7 +16,8 @@ from warp_scanner.clouds.points import points_of
 
 OUTPUTS = {
     "report.json", "report.md", "report.html", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv",
-    "mismatches.ply", "mismatches.bcf", "plan.png", "evidence.png", "probability.png", "updated.ifc", "undo.json",
+    "mismatches.ply", "points.ply", "mismatches.bcf", "plan.png", "evidence.png", "probability.png", "updated.ifc",
+    "undo.json",
 }  # fmt: skip
 
 
@@ -165,6 +166,7 @@ def test_a_preset_of_the_settings_counts_unless_another_is_given(files, tmp_path
         pytest.param({"--prior-unit": "0.001"}, ["--prior-unit", "IFC"], id="a unit for IFC"),
         pytest.param({"prior": "room.obj", "--apply": None}, ["--apply", "only for IFC"], id="a mesh to apply to"),
         pytest.param({"prior": "scan.npy", "--apply": None}, ["--apply", "only for IFC"], id="a cloud to apply to"),
+        pytest.param({"prior": "room.obj", "--as-built": None}, ["--as-built", "only for IFC"], id="a mesh as built"),
         pytest.param({"prior": "dots.ply", "--open-doors": None}, ["--open-doors", "point cloud"], id="no doors"),
         pytest.param({"prior": "scan.npy", "--clear-glass": None}, ["--clear-glass", "point cloud"], id="no glass"),
         pytest.param({"--out": "."}, ["--out", "holds something"], id="a folder that is not empty"),
