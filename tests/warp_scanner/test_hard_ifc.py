@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from warp_scanner.rooms.rooms import RoomConfig, make_rooms
-from warp_scanner.scenes.building import Building, element_bounds
+from warp_scanner.scenes.building import AS_IT_IS, Building, element_bounds
 
 ifcopenshell = pytest.importorskip("ifcopenshell")
 
-from warp_scanner.buildings.ifc_files import read_ifc  # noqa: E402
+from warp_scanner.buildings.ifc_files import parse_ifc, read_ifc  # noqa: E402
 from warp_scanner.buildings.room_ifc import write_room  # noqa: E402
 
 
@@ -23,7 +23,7 @@ def room(tmp_path_factory):
 def read(model, folder) -> Building:
     """What is read of a model that was changed."""
     model.write(str(folder / "changed.ifc"))
-    return read_ifc(folder / "changed.ifc")
+    return parse_ifc(folder / "changed.ifc", AS_IT_IS)
 
 
 @pytest.mark.parametrize("long", [5_000, 200_000])
@@ -34,3 +34,93 @@ def test_a_header_and_what_follows_the_end_may_be_long(room, tmp_path, long):
     (tmp_path / "long.ifc").write_text(text)
     assert text.index("FILE_SCHEMA") > long
     assert read_ifc(tmp_path / "long.ifc").elements.guid == read_ifc(room).elements.guid
+
+
+def span(building, name):
+    """Least and greatest corner (2, 3) [m] of the element of that name in the world."""
+    low, high = element_bounds(building.triangles)
+    row = building.elements.name.index(name)
+    return building.origin + np.array([low[row], high[row]])
+
+
+class Model:
+    """A small model in metres, with the box of a column, and what tests add to it."""
+
+    def __init__(self, schema="IFC4"):
+        self.file = ifcopenshell.file(schema=schema)
+        metres = self.new("IfcUnitAssignment", [self.new("IfcSIUnit", UnitType="LENGTHUNIT", Name="METRE")])
+        self.context = self.new(
+            "IfcGeometricRepresentationContext",
+            ContextType="Model", CoordinateSpaceDimension=3, Precision=1e-5, WorldCoordinateSystem=self.axes(),
+        )  # fmt: skip
+        self.root("IfcProject", RepresentationContexts=[self.context], UnitsInContext=metres)
+        self.body = self.view("Body")
+
+    def new(self, kind, *values, **named):
+        return self.file.create_entity(kind, *values, **named)
+
+    def root(self, kind, **named):
+        return self.new(kind, GlobalId=named.pop("GlobalId", ifcopenshell.guid.new()), **named)
+
+    def axes(self, *at):
+        return self.new("IfcAxis2Placement3D", self.new("IfcCartesianPoint", tuple(map(float, at or (0, 0, 0)))))
+
+    def view(self, name, target="MODEL_VIEW"):
+        return self.new(
+            "IfcGeometricRepresentationSubContext",
+            ContextIdentifier=name, ContextType="Model", ParentContext=self.context, TargetView=target,
+        )  # fmt: skip
+
+    def box(self, at, size, name="Body", context=None):
+        """A representation: a box whose bottom has its middle at `at`."""
+        flat = self.new("IfcAxis2Placement2D", self.new("IfcCartesianPoint", (0.0, 0.0)))
+        profile = self.new("IfcRectangleProfileDef", "AREA", None, flat, *map(float, size[:2]))
+        up = self.new("IfcDirection", (0.0, 0.0, 1.0))
+        solid = self.new("IfcExtrudedAreaSolid", profile, self.axes(*at), up, float(size[2]))
+        return self.new("IfcShapeRepresentation", context or self.body, name, "SweptSolid", [solid])
+
+    def product(self, kind, name, *shapes, at=(0, 0, 0), **named):
+        shown = self.new("IfcProductDefinitionShape", None, None, list(shapes)) if shapes else None
+        placement = named.pop("ObjectPlacement", None) or self.new("IfcLocalPlacement", None, self.axes(*at))
+        return self.root(kind, Name=name, ObjectPlacement=placement, Representation=shown, **named)
+
+
+LOWER, UPPER = ((0, 0, 0), (0.4, 0.4, 1.5)), ((0, 0, 1.5), (0.4, 0.4, 1.5))
+FAR = ((3, 0, 0), (2, 2, 2))
+COLUMN = [[-0.2, -0.2, 0.0], [0.2, 0.2, 3.0]]
+
+
+@pytest.mark.parametrize("schema", ["IFC2X3", "IFC4", "IFC4X3"])
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize(
+    "name, context",
+    [
+        ("Clearance", ("Clearance", "MODEL_VIEW")),
+        ("Clearance", None),  # in the one context that all are in
+        ("Reference", ("Reference", "MODEL_VIEW")),
+        ("Box", ("Box", "MODEL_VIEW")),
+        ("Body-FallBack", ("Body", "MODEL_VIEW")),
+        ("Body", ("Body", "SKETCH_VIEW")),
+        (None, ("Clearance", "MODEL_VIEW")),
+    ],
+)
+def test_only_bodies_count_all_of_them_and_whichever_comes_first(tmp_path, schema, name, context, first):
+    model = Model(schema)
+    bodies = [model.box(*LOWER), model.box(*UPPER)]
+    other = model.box(*FAR, name, model.view(*context) if context else model.context)
+    model.product("IfcColumn", "column", *([other, *bodies] if first else [*bodies, other]))
+    building = read(model.file, tmp_path)
+    np.testing.assert_allclose(span(building, "column"), COLUMN, atol=1e-6)
+    assert building.failures == () and building.elements.guid[1:] == ()
+
+
+def test_what_has_no_body_is_named_with_what_it_has(tmp_path):
+    model = Model()
+    model.product("IfcColumn", "column", model.box(*LOWER, None, model.context))  # called nothing: a body
+    model.product("IfcDoor", "door", model.box(*FAR, "Clearance", model.view("Clearance")))
+    model.product("IfcWall", "wall", model.box(*FAR, "Body", model.view("Body", "SKETCH_VIEW")))
+    building = read(model.file, tmp_path)
+    assert building.elements.name == ("column",)
+    assert {one.name: one.reason for one in building.failures} == {
+        "door": "it has no body, only Clearance", "wall": "it has no body, only Body (SKETCH_VIEW)",
+    }  # fmt: skip

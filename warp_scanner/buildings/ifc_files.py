@@ -1,6 +1,6 @@
 """Reads IFC files: every product with a body becomes one element, in metres and world coordinates, openings cut.
 
-Spaces, openings, annotations, grids, ports and structural analysis have no matter and are left out; so is, with a
+A body is what is represented as such: not the space that a door needs to open, no axis, no box, no sketch. Spaces, openings, annotations, grids, ports and structural analysis have no matter and are left out; so is, with a
 note, what a site or another part of the spatial structure shows of itself (terrain, outlines). What a wall, column,
 door or window is put together from (plates, members, layers) belongs to it; all else that is put together (stairs,
 roofs) stays as its parts. Elements whose shape cannot be made are listed with the reason.
@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from warp_scanner.buildings.arrays import packed, unpacked
+from warp_scanner.buildings.ifc_bodies import keep_bodies
 from warp_scanner.buildings.ifc_maps import to_map
 from warp_scanner.buildings.ifc_model import check_text, import_ifcopenshell, open_model, unit_scale
 from warp_scanner.cores import core_count
@@ -96,7 +97,10 @@ def _building(path: Path, options: ReadOptions) -> Building:
     storeys, rows = _storeys(model, unit)
     products, left_out = _products(model)
     guids, repeated = _unique_guids(products)
-    shapes, reasons = _shapes(model, [product for product in products if product.Representation])
+    represented = [product for product in products if product.Representation]
+    bodiless = keep_bodies(model, represented)
+    shapes, reasons = _shapes(model, [product for product in represented if product.id() not in bodiless])
+    reasons |= bodiless
     pieces: dict[Any, list[_Shape]] = {}
     for product in products:
         if product.id() in shapes:
