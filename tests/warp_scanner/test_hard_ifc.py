@@ -1,4 +1,4 @@
-"""IFC files that are valid and hard to read: every body in its place and no other solid, and what is not read is said."""
+"""IFC files that are valid and hard to read: every body in its place, no other solid, gaps are said."""
 
 import numpy as np
 import pytest
@@ -124,3 +124,42 @@ def test_what_has_no_body_is_named_with_what_it_has(tmp_path):
     assert {one.name: one.reason for one in building.failures} == {
         "door": "it has no body, only Clearance", "wall": "it has no body, only Body (SKETCH_VIEW)",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("schema", ["IFC2X3", "IFC4", "IFC4X3"])
+def test_what_projects_from_an_element_is_of_it_and_openings_are_not(tmp_path, schema):
+    model = Model(schema)
+    wall = model.product("IfcWall", "wall", model.box((0, 0, 0), (4, 0.2, 3)))
+    pilaster = model.product("IfcProjectionElement", "pilaster", model.box((-1, 0.3, 0), (0.4, 0.4, 3)))
+    opening = model.product("IfcOpeningElement", "opening", model.box((1, 0, 0), (1, 4, 2)))
+    model.root("IfcRelProjectsElement", RelatingElement=wall, RelatedFeatureElement=pilaster)
+    model.root("IfcRelVoidsElement", RelatingBuildingElement=wall, RelatedOpeningElement=opening)
+    building = read(model.file, tmp_path)
+    assert building.elements.name == ("wall",) and building.failures == ()
+    np.testing.assert_allclose(span(building, "wall"), [[-2, -0.1, 0], [2, 0.5, 3]], atol=1e-6)
+    assert np.isclose(building.triangles.vertices, [0.5, 0.1, 2.0], atol=1e-5).all(axis=1).any()  # of the hole
+
+
+@pytest.mark.parametrize(
+    "whole, part, names",
+    [
+        ("IfcSlab", "IfcBuildingElementPart", ["whole"]),
+        ("IfcSlab", "IfcPlate", ["whole"]),
+        ("IfcSlab", "IfcSlab", ["whole"]),
+        ("IfcWall", "IfcBuildingElementPart", ["whole"]),
+        ("IfcRoof", "IfcBuildingElementPart", ["whole"]),
+        ("IfcCovering", "IfcBuildingElementPart", ["whole"]),
+        ("IfcRoof", "IfcSlab", ["lower", "upper"]),  # each gets a verdict as it is
+        ("IfcStair", "IfcStairFlight", ["lower", "upper"]),
+        ("IfcSlab", "IfcColumn", ["lower", "upper"]),
+    ],
+)
+def test_slabs_and_layers_are_of_the_whole_other_parts_of_roofs_and_stairs_are_elements(tmp_path, whole, part, names):
+    model = Model()
+    parts = [model.product(part, "lower", model.box(*LOWER)), model.product(part, "upper", model.box(*UPPER))]
+    model.root("IfcRelAggregates", RelatingObject=model.product(whole, "whole"), RelatedObjects=parts)
+    building = read(model.file, tmp_path)
+    assert sorted(building.elements.name) == names and building.failures == ()
+    if names == ["whole"]:
+        assert building.elements.ifc_class == (whole,)
+        np.testing.assert_allclose(span(building, "whole"), COLUMN, atol=1e-6)
