@@ -163,3 +163,65 @@ def test_slabs_and_layers_are_of_the_whole_other_parts_of_roofs_and_stairs_are_e
     if names == ["whole"]:
         assert building.elements.ifc_class == (whole,)
         np.testing.assert_allclose(span(building, "whole"), COLUMN, atol=1e-6)
+
+
+def axis(model, tag, *points, same_sense=True):
+    line = model.new("IfcPolyline", [model.new("IfcCartesianPoint", tuple(map(float, point))) for point in points])
+    return model.new("IfcGridAxis", tag, line, same_sense)
+
+
+def on_grid(model, first, second, offsets=(0.0, 0.0, 0.0), reference=None):
+    """A slim box, long along its own x axis, on the intersection of two axes of a grid at 10, 20, 1."""
+    placement = model.new("IfcLocalPlacement", None, model.axes(10, 20, 1))
+    model.root("IfcGrid", Name="grid", ObjectPlacement=placement, UAxes=[first], VAxes=[second])
+    place = model.new("IfcGridPlacement")
+    place.PlacementLocation = model.new("IfcVirtualGridIntersection", [first, second], offsets)
+    place.PlacementRefDirection = reference
+    model.product("IfcColumn", "column", model.box((1, 0, 0), (2, 0.1, 3)), ObjectPlacement=place)
+
+
+@pytest.mark.parametrize("schema", ["IFC2X3", "IFC4", "IFC4X3"])
+@pytest.mark.parametrize(
+    "senses, offsets, expected",
+    [
+        # Along y at x = -2, and along x at y = 1.2: the first axis is the column's x axis.
+        ((True, True), (0.0, 0.0, 0.0), [[7.95, 21.2, 1], [8.05, 23.2, 4]]),
+        ((False, True), (0.0, 0.0, 0.0), [[7.95, 19.2, 1], [8.05, 21.2, 4]]),
+        # To the left of +y is -x, of +x it is +y.
+        ((True, True), (0.5, 0.25, 2.0), [[7.45, 21.45, 3], [7.55, 23.45, 6]]),
+        ((True, False), (0.5, 0.25), [[7.45, 20.95, 1], [7.55, 22.95, 4]]),
+    ],
+)
+def test_what_stands_on_grid_axes_stands_where_they_meet(tmp_path, schema, senses, offsets, expected):
+    model = Model(schema)
+    first = axis(model, "A", (-2, -3), (-2, 0), (-2, 3), same_sense=senses[0])
+    second = axis(model, "1", (-4, 1.2), (-3, 1.2), same_sense=senses[1])  # as a line without end it meets the other
+    on_grid(model, first, second, offsets)
+    building = read(model.file, tmp_path)
+    assert building.failures == ()
+    np.testing.assert_allclose(span(building, "column"), expected, atol=1e-6)
+
+
+def test_the_direction_on_a_grid_may_be_given(tmp_path):
+    model = Model()
+    first, second = axis(model, "A", (0, 0), (0, 1)), axis(model, "1", (0, 0), (1, 0))
+    on_grid(model, first, second, reference=model.new("IfcDirection", (-3.0, 0.0, 0.0)))
+    np.testing.assert_allclose(span(read(model.file, tmp_path), "column"), [[8, 19.95, 1], [10, 20.05, 4]], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["parallel", "bent", "circle"])
+def test_an_element_whose_axes_do_not_tell_its_place_is_named_and_not_put_anywhere(tmp_path, kind):
+    model = Model()
+    model.product("IfcWall", "wall", model.box((0, 0, 0), (4, 0.2, 3)))
+    first = axis(model, "A", (0, 0), (0, 1))
+    if kind == "circle":
+        flat = model.new("IfcAxis2Placement2D", model.new("IfcCartesianPoint", (0.0, 0.0)))
+        second = model.new("IfcGridAxis", "1", model.new("IfcCircle", flat, 5.0), True)
+    else:
+        second = axis(model, "1", (1, 0), *({"parallel": [(1, 1)], "bent": [(2, 0), (3, 1)]}[kind]))
+    on_grid(model, first, second)
+    building = read(model.file, tmp_path)
+    assert building.elements.name == ("wall",)
+    (failure,) = building.failures
+    word = "are parallel" if kind == "parallel" else "axis '1' of its IfcGridPlacement is not straight"
+    assert failure.name == "column" and failure.reason.startswith("its place is unknown: ") and word in failure.reason

@@ -18,6 +18,7 @@ import numpy as np
 
 from warp_scanner.buildings.arrays import packed, unpacked
 from warp_scanner.buildings.ifc_bodies import keep_bodies
+from warp_scanner.buildings.ifc_grids import place_by_grids
 from warp_scanner.buildings.ifc_maps import to_map
 from warp_scanner.buildings.ifc_model import check_text, import_ifcopenshell, open_model, unit_scale
 from warp_scanner.cores import core_count
@@ -98,13 +99,14 @@ def parse_ifc(path: Path, options: ReadOptions) -> Building:
 def _building(path: Path, options: ReadOptions) -> Building:
     model, notes = open_model(path)
     unit = unit_scale(model, path)
+    shapeless = place_by_grids(model)
     storeys, rows = _storeys(model, unit)
     products, left_out = _products(model)
     guids, repeated = _unique_guids(products)
     represented = [product for product in products if product.Representation]
-    bodiless = keep_bodies(model, represented)
-    shapes, reasons = _shapes(model, [product for product in represented if product.id() not in bodiless])
-    reasons |= bodiless
+    shapeless |= keep_bodies(model, represented)
+    shapes, reasons = _shapes(model, [product for product in represented if product.id() not in shapeless])
+    reasons |= shapeless
     pieces: dict[Any, list[_Shape]] = {}
     for product in products:
         if product.id() in shapes:
