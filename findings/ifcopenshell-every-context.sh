@@ -15,8 +15,8 @@
 #   seen:     opening, Body, 0.4 m3
 #   seen:     wall, Body, 2.0 m3
 #   create_shape of the door: Body, 0.1 m3
-# In jaxmm: the IFC reader asks for elements with matter only, so openings stay out. It does not yet tell a body from a
-#   clearance: of the two, the last that comes is taken.
+# In jaxmm: the IFC reader asks for elements with matter only, so openings stay out, and leaves of what represents them
+#   only their bodies, all of them joined, before it asks.
 set -euo pipefail
 VERSION=${VERSION:-0.9.0.post1}
 work=$(mktemp -d)

@@ -1,9 +1,11 @@
 """Reads IFC files: every product with a body becomes one element, in metres and world coordinates, openings cut.
 
-Spaces, openings, annotations, grids, ports and structural analysis have no matter and are left out; so is, with a
-note, what a site or another part of the spatial structure shows of itself (terrain, outlines). What a wall, column,
-door or window is put together from (plates, members, layers) belongs to it; all else that is put together (stairs,
-roofs) stays as its parts. Elements whose shape cannot be made are listed with the reason.
+A body is what is represented as such: not the space that a door needs to open, no axis, no box, no sketch. Spaces,
+openings, annotations, grids, ports and structural analysis have no matter and are left out; so is, with a note, what a
+site or another part of the spatial structure shows of itself (terrain, outlines). What a wall, column, door, window or
+slab is put together from (plates, members, layers) belongs to it, and so does what is added to it as a feature; all
+else that is put together (stairs, roofs) stays as its parts, but a layer is of what it is a layer of. Elements whose
+shape cannot be made are listed with the reason.
 """
 
 import dataclasses
@@ -15,6 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from warp_scanner.buildings.arrays import packed, unpacked
+from warp_scanner.buildings.ifc_bodies import keep_bodies
+from warp_scanner.buildings.ifc_grids import place_by_grids
 from warp_scanner.buildings.ifc_maps import to_map
 from warp_scanner.buildings.ifc_model import check_text, import_ifcopenshell, open_model, unit_scale
 from warp_scanner.cores import core_count
@@ -25,11 +29,13 @@ from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, P
 # The plain CGAL kernel loses elements without a word; this one falls back on OpenCASCADE for what CGAL cannot do.
 _KERNEL = "hybrid-cgal-simple-opencascade"
 _CLEAR = 0.3  # transparency from which a material counts as glass
-_WHOLES = ("IfcWall", "IfcColumn", "IfcDoor", "IfcWindow")  # own what they are put together from
+# Own what they are put together from; a slab what is of none of the others.
+_WHOLES = (("IfcWall", "IfcColumn", "IfcDoor", "IfcWindow"), ("IfcSlab",))
+_LAYER = "IfcBuildingElementPart"  # is of whatever it is a part of
 # Names that a version of the schema lacks match nothing.
 _WITHOUT_MATTER = (
-    "IfcFeatureElement", "IfcVirtualElement", "IfcAnnotation", "IfcGrid", "IfcPositioningElement", "IfcLinearElement",
-    "IfcPort", "IfcStructuralActivity", "IfcStructuralItem",
+    "IfcFeatureElementSubtraction", "IfcSurfaceFeature", "IfcVirtualElement", "IfcAnnotation", "IfcGrid",
+    "IfcPositioningElement", "IfcLinearElement", "IfcPort", "IfcStructuralActivity", "IfcStructuralItem",
 )  # fmt: skip
 _SPATIAL = ("IfcSpatialElement", "IfcSpatialStructureElement")
 _VOLUMES = ("IfcSpace", "IfcSpatialZone", "IfcExternalSpatialStructureElement")  # the air between elements
@@ -93,10 +99,14 @@ def parse_ifc(path: Path, options: ReadOptions) -> Building:
 def _building(path: Path, options: ReadOptions) -> Building:
     model, notes = open_model(path)
     unit = unit_scale(model, path)
+    shapeless = place_by_grids(model)
     storeys, rows = _storeys(model, unit)
     products, left_out = _products(model)
     guids, repeated = _unique_guids(products)
-    shapes, reasons = _shapes(model, [product for product in products if product.Representation])
+    represented = [product for product in products if product.Representation]
+    shapeless |= keep_bodies(model, represented)
+    shapes, reasons = _shapes(model, [product for product in represented if product.id() not in shapeless])
+    reasons |= shapeless
     pieces: dict[Any, list[_Shape]] = {}
     for product in products:
         if product.id() in shapes:
@@ -192,20 +202,36 @@ def _storey_of(product: Any, rows: dict[int, int]) -> int:
 
 
 def _wholes(product: Any) -> list[Any]:
-    """All that the product is a part of, from the nearest up."""
-    from ifcopenshell.util.element import get_aggregate
-
-    wholes, whole = [], get_aggregate(product)
+    """All that the product is a part of, or is added to as a feature, from the nearest up."""
+    wholes, whole = [], _whole_of(product)
     while whole is not None and whole.is_a("IfcElement") and whole not in wholes:
         wholes.append(whole)
-        whole = get_aggregate(whole)
+        whole = _whole_of(whole)
     return wholes
 
 
+def _whole_of(product: Any) -> Any:
+    from ifcopenshell.util.element import get_aggregate
+
+    if product.is_a("IfcFeatureElementAddition"):
+        for relation in product.ProjectsElements or ():
+            return relation.RelatingElement
+    return get_aggregate(product)
+
+
 def _owner(product: Any) -> Any:
-    """The element that the product's shape belongs to: the outermost wall, column, door or window, or itself."""
-    owners = [whole for whole in [product, *_wholes(product)] if any(map(whole.is_a, _WHOLES))]
-    return owners[-1] if owners else product
+    """The element that the product's shape belongs to: the outermost wall, column, door or window; slab; or itself.
+
+    What is added to an element, and a layer, belongs to what has it, whatever that is.
+    """
+    line = [product, *_wholes(product)]
+    own = itertools.dropwhile(lambda one: one.is_a("IfcFeatureElementAddition") or one.is_a(_LAYER), line)
+    nearest = next(own, product)
+    for kinds in _WHOLES:
+        owners = [whole for whole in line if any(map(whole.is_a, kinds))]
+        if owners:
+            return owners[-1]
+    return nearest
 
 
 def _semantic(product: Any) -> int:

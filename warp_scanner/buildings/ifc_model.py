@@ -1,11 +1,13 @@
 """Opens IFC files: checks their text, parses them by ifcopenshell, mends exporters' errors, reads their unit."""
 
-import os
+import mmap
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+_BEGIN = 4096  # bytes in which a file says that it is one
 
 
 def import_ifcopenshell() -> Any:
@@ -27,7 +29,7 @@ def import_ifcopenshell() -> Any:
 
 
 def check_text(path: Path) -> None:
-    """Refuse what is no IFC file from its first and last bytes.
+    """Refuse what is no IFC file by the words that its text must hold.
 
     Raises:
         ValueError: missing; of a name that the library cannot read; not IFC; cut off.
@@ -38,15 +40,19 @@ def check_text(path: Path) -> None:
         str(path).encode()
     except UnicodeEncodeError as error:
         raise ValueError(f"{path}: expected a name in UTF-8, which the library for IFC needs; rename it") from error
+    begins = ends = has_schema = False
     with open(path, "rb") as file:
-        head = file.read(4096)
-        file.seek(max(0, os.path.getsize(path) - 4096))
-        tail = file.read()
-    if b"ISO-10303-21" not in head:
+        begins = b"ISO-10303-21" in file.read(_BEGIN)
+        if begins:
+            # Headers have any length, and so has what may follow the end, so nothing less than the whole tells.
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
+                ends = text.rfind(b"END-ISO-10303-21") >= 0
+                has_schema = text.find(b"FILE_SCHEMA") >= 0
+    if not begins:
         raise ValueError(f"{path}: expected an IFC file (text that begins with ISO-10303-21), found something else")
-    if b"END-ISO-10303-21" not in tail:
+    if not ends:
         raise ValueError(f"{path}: the file is cut off: it does not end with END-ISO-10303-21")
-    if b"FILE_SCHEMA" not in head:
+    if not has_schema:
         raise ValueError(f"{path}: expected an IFC file, whose header names its FILE_SCHEMA, found none")
 
 
