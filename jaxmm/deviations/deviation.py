@@ -67,9 +67,9 @@ def shifted(one: Deviation, shift: Shift) -> Deviation:
     way = offset / max(distance, 1e-9)
     half = float(sum(abs(way[axis]) * (both[1] - both[0]) / 2.0 for axis, both in enumerate(interval) if both))
     return one._replace(
-        offset=tuple(float(value) for value in offset),
+        offset=_plain(offset),
         interval=tuple(both and (float(both[0]), float(both[1])) for both in interval),
-        distance=distance, direction=tuple(float(value) for value in way), half=half, coverage=0.0,
+        distance=distance, direction=_plain(way), half=half, coverage=0.0,
         classes=one.classes | {"loa": loa_of(distance + one.flatness)},
     )  # fmt: skip
 
@@ -190,14 +190,14 @@ def _deviation(
     slope = None if lean is None else float(np.tan(np.radians(lean)))
     din = din_of(distance, half, size, slope, float(high[2] - low[2]))
     return Deviation(
-        tuple(float(value) for value in offset),
+        _plain(offset),
         tuple(
             None if no or not told else (float(a), float(b)) for no, (a, b) in zip(open_axis, spans[:3], strict=True)
         ),
-        distance, tuple(float(value) for value in direction), turn, lean, flatness,
+        distance, _plain(direction), turn, lean, flatness,
         float(min(1.0, covered / max(area, 1e-9))), on,
         {"loa": loa_of(abs(distance) + flatness), "din18202": din},
-        tuple(float(value) for value in turned), half, float(on / max(could, 1)),
+        _plain(turned), half, float(on / max(could, 1)),
         tuple(sorted({one.scan for one in seen})),
     )  # fmt: skip
 
@@ -273,6 +273,12 @@ def _surface(
         cells.append(np.column_stack([np.full(within.sum(), one.rays.group[0]), cell[within]]))
     covered = len(np.unique(np.concatenate(cells), axis=0)) * CELL**2
     return float(np.percentile(np.concatenate(apart), 95.0)), covered
+
+
+def _plain(vector: np.ndarray) -> tuple[float, float, float]:
+    """A vector (3,) to a billionth, without the sign of what is zero."""
+    x, y, z = (round(float(value), 9) + 0.0 for value in vector)
+    return x, y, z
 
 
 def _areas(scene: TriangleScene) -> np.ndarray:
