@@ -46,6 +46,8 @@ def placed(model, within, matrix):
 def hang_door(model):
     """The room's door in an opening of a wall: each placed relative to the other, as exporters do."""
     wall, door = (model.by_type(kind)[0] for kind in ("IfcWall", "IfcDoor"))
+    last = model.by_type("IfcWall")[-1]  # placed relative to the first, but no part of it
+    last.ObjectPlacement = placed(model, wall.ObjectPlacement, get_local_placement(last.ObjectPlacement))
     at = get_local_placement(door.ObjectPlacement)
     opening = model.create_entity(
         "IfcOpeningElement", ifcopenshell.guid.new(), ObjectPlacement=placed(model, wall.ObjectPlacement, at)
