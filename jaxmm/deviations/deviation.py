@@ -9,23 +9,22 @@ how much faces in their place scatter (which holds the sensor's own bias), and t
 M3C2 does (Lague et al. 2013, equation 1: both surfaces' errors and the registration's).
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.deviations.element_motion import Motion, Seen, motion_of
 from jaxmm.deviations.fits import CELL, CUT, Fit, cells_of, fit_of, fits_of_curved
-from jaxmm.deviations.meetings import Meetings, groups_of, meetings_of
-from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors, rows_of, scatter
+from jaxmm.deviations.meetings import STEEP, Meetings, groups_of, meetings_of
+from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors
 from jaxmm.deviations.shifted_columns import Shift, columns_of, part_of
 from jaxmm.deviations.tolerances import din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
 from warp_scanner.scenes.building import element_bounds
 from warp_scanner.sensors.triangles import TriangleScene, clearance
 
-FREE = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)  # [m, rad] standard deviations of an element off its place, before it is seen
-FIXED = 0.05  # [m] of a direction of the shift, up to which faces fix it
-FIXED_TURN = np.radians(0.5)  # of a turn
-NORMAL = 1.96  # standard deviations to either side hold 95 %
+AXIS = np.radians(3.0)  # between a direction and what faces fix, up to which they do, or do not
 ROUND = 4  # ways that faces of a slender body look, that one place shows: no box has so many
 ANOTHER, ASKED = 0.015, 200  # [m] off its place, from which a face may be another's; and rays that are asked
 Interval = tuple[float, float]
@@ -52,6 +51,9 @@ class Deviation(NamedTuple):
     half: float = 0.0  # half the width of the interval of `distance`; not in report.json
     stands: float = 1.0  # share of the rays that could reach it, that end on it; not in report.json
     scans: tuple[int, ...] = ()  # numbers of those that show it; not in report.json
+    worst: float = 0.0  # [m] 95 % of its places are so near to the model; not in report.json
+    step: tuple[float, float, float] = (0.0, 0.0, 0.0)  # offset as its pose has it, though that may be off; likewise
+    sizes: tuple[float, float] = (1.0, 1.0)  # [m] its length, and that over which it leans; not in report.json
 
 
 def shifted(one: Deviation, shift: Shift) -> Deviation:
@@ -65,13 +67,18 @@ def shifted(one: Deviation, shift: Shift) -> Deviation:
     distance = float(np.linalg.norm(offset))
     # No face looks the way it went: what tells is where the whole of it stands.
     way = offset / max(distance, 1e-9)
+    (long, high), slope = one.sizes, None if one.lean is None else float(np.tan(np.radians(one.lean)))
     half = float(sum(abs(way[axis]) * (both[1] - both[0]) / 2.0 for axis, both in enumerate(interval) if both))
     return one._replace(
         offset=_plain(offset),
         interval=tuple(both and (float(both[0]), float(both[1])) for both in interval),
         distance=distance, direction=_plain(way), half=half, coverage=0.0,
-        classes=one.classes | {"loa": loa_of(distance + one.flatness)},
+        classes={"loa": loa_of(distance + one.flatness), "din18202": din_of(distance, half, long, slope, high)},
+        worst=distance + one.flatness, step=_plain(offset),
     )  # fmt: skip
+
+
+PRIVATE = ("turned", "half", "stands", "scans", "worst", "step", "sizes")  # fields that are not in report.json
 
 
 def is_told(one: Deviation) -> bool:
@@ -79,12 +86,13 @@ def is_told(one: Deviation) -> bool:
     return any(both is not None for both in one.interval)
 
 
-class _Seen(NamedTuple):
-    """One face of an element in one scan."""
+class _Body(NamedTuple):
+    """An element as the model has it."""
 
-    fit: Fit
-    rays: Meetings  # of its group
-    scan: int
+    low: np.ndarray  # (3,) [m]
+    high: np.ndarray  # (3,) [m]
+    area: float  # [m2]
+    corners: np.ndarray  # (V, 3) [m]
 
 
 def deviations_of(
@@ -100,21 +108,35 @@ def deviations_of(
         trust: in the pose of each scan, one of pose_errors.TRUSTS.
         tolerance: (E,) [m] of each element, for its coverage.
     """
-    faces: dict[int, list[_Seen]] = {}
+    faces: dict[int, list[Seen]] = {}
     poses: list[list[PoseError]] = []
     slender = columns_of(scene)
     for number, (one, trusted) in enumerate(zip(rays, trust, strict=True)):
-        found = [_Seen(fit, group, number) for group, fit in _fits(scene, meetings_of(scene, one), slender)]
+        found = [Seen(fit, group, number) for group, fit in _fits(scene, meetings_of(scene, one), slender)]
         for each in found:
             faces.setdefault(int(each.rays.element[0]), []).append(each)
         poses.append(pose_errors([each.fit for each in found], one.position, trusted))
     sensors = [one.position for one in rays]
-    low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
-    area = _areas(scene)
+    bodies = _bodies(scene, faces)
+    return {row: _deviation(seen, poses, sensors, bodies[row], float(tolerance[row])) for row, seen in faces.items()}
+
+
+def _bodies(scene: TriangleScene, rows: Iterable[int]) -> dict[int, _Body]:
+    """The bodies of some elements."""
+    triangles = scene.triangles
+    low, high = (bound.astype(np.float64) for bound in element_bounds(triangles))
+    a, b, c = (triangles.vertices[corner].astype(np.float64) for corner in triangles.faces.T)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
+    area = np.bincount(triangles.element, area, len(triangles.semantic))
+    order = np.argsort(triangles.element, kind="stable")
+    starts = np.searchsorted(triangles.element[order], np.arange(len(area) + 1))
     return {
-        row: _deviation(seen, poses, sensors, (low[row], high[row], float(area[row])), float(tolerance[row]))
-        for row, seen in faces.items()
-    }
+        row: _Body(
+            low[row], high[row], float(area[row]),
+            triangles.vertices[np.unique(triangles.faces[order[starts[row] : starts[row + 1]]])].astype(np.float64),
+        )
+        for row in rows
+    }  # fmt: skip
 
 
 def _fits(scene: TriangleScene, met: Meetings, slender: np.ndarray) -> list[tuple[Meetings, Fit]]:
@@ -143,147 +165,100 @@ def _is_of_another(scene: TriangleScene, group: Meetings, fit: Fit) -> bool:
     return others is not None and float(np.median(clearance(others, ends, 2.0 * reach))) < reach
 
 
-class _Moved(NamedTuple):
-    """How an element stands after all scans' poses were corrected."""
-
-    step: np.ndarray  # (6,) [m, rad] about its middle
-    covariance: np.ndarray  # (6, 6)
-
-
 def _deviation(
-    seen: list[_Seen],
-    poses: list[list[PoseError]],
-    sensors: list[np.ndarray],
-    body: tuple[np.ndarray, np.ndarray, float],
-    tolerance: float,
+    seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray], body: _Body, tolerance: float
 ) -> Deviation:
-    low, high, area = body
-    middle = (low + high) / 2.0
-    likely = [one[0] for one in poses]
-    best = _moved(seen, likely, sensors, middle)
-    axes, fixed = _fixed(best.covariance[:3, :3])
-    told = bool(fixed.any())
-    if not told:  # whatever its pose, it stands about there: it is neither gone nor new
-        best = _moved(seen, [EXACTLY] * len(poses), sensors, middle)
-        axes, fixed = _fixed(best.covariance[:3, :3])
-    # Other poses that explain a scan as well widen what is told.
-    others = [
-        _moved(seen, [*likely[:scan], other, *likely[scan + 1 :]], sensors, middle)
-        for scan in sorted({one.scan for one in seen})
-        for other in poses[scan][1:]
-    ]
-    keep = axes[:, fixed] @ axes[:, fixed].T
-    offset = keep @ best.step[:3]
-    normals = sum(np.outer(one.fit.normal, one.fit.normal) * one.fit.rays for one in seen)
-    direction = _toward(np.linalg.eigh(keep @ normals @ keep)[1][:, -1], seen)
-    ways = [*np.eye(3), direction]
-    spans = [_span(way, keep, [best, *others]) for way in ways]
-    open_axis = [np.linalg.norm(keep @ way) < np.sin(np.radians(3.0)) for way in np.eye(3)]
-    turned = _turned(best)
-    turn, lean = _angles(best, turned)
-    flatness, covered = _surface(seen, likely, sensors, tolerance)
-    half = (spans[3][1] - spans[3][0]) / 2.0
-    distance = float(offset @ direction)
+    middle = (body.low + body.high) / 2.0
+    motion = motion_of(seen, poses, sensors, middle)
+    told = bool(np.any(motion.keep))
+    # Whatever its pose, it stands about where the pose as it is has it: it is neither gone nor new.
+    used = poses if told else [[EXACTLY] for _ in poses]
+    judged = motion if told else motion_of(seen, used, sensors, middle)
+    step = judged.keep @ judged.step[:3]
+    direction = _direction(seen, judged, step)
+    spans = [judged.span(way) for way in (*np.eye(3), direction)]
+    opened = [not told or np.linalg.norm(judged.keep @ way) < np.sin(AXIS) for way in np.eye(3)]
+    flatness, worst, covered = _surface(seen, [one[0] for one in used], sensors, tolerance)
+    half, distance = (spans[3][1] - spans[3][0]) / 2.0, float(step @ direction)
     on = sum(one.fit.rays for one in seen)
-    could = on + sum(one.fit.through for one in seen)
-    size = float(np.max((high - low)[:2]))
+    could = on + sum(one.fit.through for one in seen if one.fit.first)
+    turn, lean = judged.angles
+    long, high = _sizes(body, seen)
     slope = None if lean is None else float(np.tan(np.radians(lean)))
-    din = din_of(distance, half, size, slope, float(high[2] - low[2]))
+    classes = {"loa": loa_of(worst), "din18202": din_of(distance, half, long, slope, high)}
+    offset, distance = (step, distance) if told else (np.zeros(3), 0.0)
     return Deviation(
         _plain(offset),
-        tuple(
-            None if no or not told else (float(a), float(b)) for no, (a, b) in zip(open_axis, spans[:3], strict=True)
-        ),
-        distance, _plain(direction), turn, lean, flatness,
-        float(min(1.0, covered / max(area, 1e-9))), on,
-        {"loa": loa_of(abs(distance) + flatness), "din18202": din},
-        _plain(turned), half, float(on / max(could, 1)),
-        tuple(sorted({one.scan for one in seen})),
+        tuple(None if no else (float(a), float(b)) for no, (a, b) in zip(opened, spans[:3], strict=True)),
+        distance, _plain(direction), turn, lean, flatness, float(min(1.0, covered / max(body.area, 1e-9))), on, classes,
+        _plain(judged.turned), half, float(on / max(could, 1)), tuple(sorted({one.scan for one in seen})), worst,
+        _plain(step), (long, high),
     )  # fmt: skip
 
 
-def _moved(seen: list[_Seen], poses: list[PoseError], sensors: list[np.ndarray], middle: np.ndarray) -> _Moved:
-    """Least squares over all faces, with what the poses leave open."""
-    told, right = np.diag(1.0 / np.square(FREE)), np.zeros(6)
-    left: list[tuple[np.ndarray, np.ndarray]] = []
-    for scan in sorted({one.scan for one in seen}):
-        own, pose, sensor = [one.fit for one in seen if one.scan == scan], poses[scan], sensors[scan]
-        correction, how = pose.correction, np.zeros((6, 6))
-        for fit in own:
-            off, arms = rows_of(fit, sensor)
-            # A body that moves by a step moves its face as far toward the sensor.
-            rows, sigma = rows_of(fit, middle)[1], scatter(fit, pose.place)
-            scaled = rows / sigma[:, None]
-            told += scaled.T @ scaled
-            right += scaled.T @ ((off + arms @ correction) / sigma)
-            how += scaled.T @ (arms / sigma[:, None])
-        left.append((how, pose.without(own, sensor)))
-    own = np.linalg.inv(told)
-    return _Moved(own @ right, own + sum(own @ how @ covariance @ how.T @ own for how, covariance in left))
+def _direction(seen: list[Seen], motion: Motion, step: np.ndarray) -> np.ndarray:
+    """The normal of the face that is most surely off its place, or else of that which most rays end on.
+
+    Of a round body it is the way it went, if that is sure, or else to where most of its faces look.
+    """
+    keep = motion.keep
+    ways = [one.fit.normal for one in seen if one.fit.first and np.linalg.norm(keep @ one.fit.normal) > np.cos(AXIS)]
+    if any(not one.fit.first for one in seen):
+        looks = sum(one.rays.normal[one.fit.on].mean(axis=0) for one in seen if one.fit.first)
+        gone = step if np.linalg.norm(step) > 0.0 else looks
+        ways = [way / max(np.linalg.norm(way), 1e-12) for way in (gone * (1.0 if gone @ looks >= 0.0 else -1.0), looks)]
+    elif not ways:
+        ways = [max(seen, key=lambda one: one.fit.rays).fit.normal]
+
+    def surely(way: np.ndarray) -> float:
+        low, high = motion.span(way)
+        return max(0.0, low, -high)
+
+    sure = [surely(way) for way in ways]
+    if max(sure) > 0.0:
+        return ways[int(np.argmax(sure))]
+    return ways[-1] if len(ways) == 2 and not all(one.fit.first for one in seen) else _most_seen(seen, ways)
 
 
-def _fixed(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Axes (3, 3), as columns, and which (3,) of them the faces fix."""
-    square, axes = np.linalg.eigh(covariance)
-    return axes, square < FIXED**2
+def _most_seen(seen: list[Seen], ways: list[np.ndarray]) -> np.ndarray:
+    """Of some normals, that of the face with most rays."""
+    rays = [sum(one.fit.rays for one in seen if one.fit.normal @ way > np.cos(AXIS)) for way in ways]
+    return ways[int(np.argmax(rays))]
 
 
-def _toward(axis: np.ndarray, seen: list[_Seen]) -> np.ndarray:
-    """An axis with the sign that looks toward the sensors."""
-    looks = sum(float(one.fit.normal @ axis) * one.fit.rays for one in seen)
-    return axis if looks >= 0.0 else -axis
-
-
-def _span(way: np.ndarray, keep: np.ndarray, found: list[_Moved]) -> Interval:
-    """The 95 % interval of what moved along a way, by all that explain it."""
-    along = keep @ way
-    middle = [float(along @ one.step[:3]) for one in found]
-    half = [NORMAL * float(np.sqrt(along @ one.covariance[:3, :3] @ along)) for one in found]
-    return min(m - h for m, h in zip(middle, half, strict=True)), max(m + h for m, h in zip(middle, half, strict=True))
-
-
-def _turned(best: _Moved) -> np.ndarray:
-    """(3,) [rad] rotation vector of what the faces fix."""
-    square, axes = np.linalg.eigh(best.covariance[3:, 3:])
-    fixed = square < FIXED_TURN**2
-    return axes[:, fixed] @ axes[:, fixed].T @ best.step[3:]
-
-
-def _angles(best: _Moved, turned: np.ndarray) -> tuple[float | None, float | None]:
-    """Turn about the vertical, and lean [deg]; None where no face fixes it."""
-    spread = best.covariance[3:, 3:]
-    turn = float(np.degrees(turned[2])) if spread[2, 2] < FIXED_TURN**2 else None
-    leans = np.linalg.eigvalsh(spread[:2, :2])[0] < FIXED_TURN**2
-    return turn, float(np.degrees(np.linalg.norm(turned[:2]))) if leans else None
+def _sizes(body: _Body, seen: list[Seen]) -> tuple[float, float]:
+    """Length along its longest face, and the length over which it leans [m]: its height, or what lies its length."""
+    level = max(seen, key=lambda one: one.fit.rays).fit.axes[0, :2]
+    across = np.array([-level[1], level[0]])
+    long = float(max(np.ptp(body.corners[:, :2] @ level), np.ptp(body.corners[:, :2] @ across)))
+    high = float(body.high[2] - body.low[2])
+    return long, high if all(abs(one.fit.normal[2]) < STEEP for one in seen) else long
 
 
 def _surface(
-    seen: list[_Seen], poses: list[PoseError], sensors: list[np.ndarray], tolerance: float
-) -> tuple[float, float]:
-    """Flatness [m], and the area [m2] that was seen and lies within the tolerance of the model."""
-    apart, cells = [], []
+    seen: list[Seen], poses: list[PoseError], sensors: list[np.ndarray], tolerance: float
+) -> tuple[float, float, float]:
+    """Flatness [m]; 95 % of its places are so near to the model [m]; area [m2] seen that is within the tolerance."""
+    apart, offs, cells = [], [], []
     for one in seen:
+        if not one.fit.first:
+            continue
         fit, on = one.fit, one.fit.on
         ends = one.rays.end[on]
         cell, number, count = np.unique(cells_of(ends @ fit.axes.T), return_inverse=True, return_counts=True)
         apart.append(np.abs(np.bincount(number, fit.left[on]) / count))
         step = poses[one.scan].correction
-        off = one.rays.off[on] + (step[:3] + np.cross(step[3:], ends - sensors[one.scan])) @ fit.normal
-        within = np.abs(np.bincount(number, off) / count) <= tolerance
+        moved = step[:3] + np.cross(step[3:], ends - sensors[one.scan])
+        off = one.rays.off[on] + np.einsum("kc,kc->k", moved, one.rays.normal[on])
+        offs.append(np.abs(np.bincount(number, off) / count))
+        within = offs[-1] <= tolerance
         cells.append(np.column_stack([np.full(within.sum(), one.rays.group[0]), cell[within]]))
     covered = len(np.unique(np.concatenate(cells), axis=0)) * CELL**2
-    return float(np.percentile(np.concatenate(apart), 95.0)), covered
+    flatness, worst = (float(np.percentile(np.concatenate(all_of), 95.0)) for all_of in (apart, offs))
+    return flatness, worst, covered
 
 
 def _plain(vector: np.ndarray) -> tuple[float, float, float]:
     """A vector (3,) to a billionth, without the sign of what is zero."""
     x, y, z = (round(float(value), 9) + 0.0 for value in vector)
     return x, y, z
-
-
-def _areas(scene: TriangleScene) -> np.ndarray:
-    """(E,) [m2] of the surface of each element."""
-    triangles = scene.triangles
-    a, b, c = (triangles.vertices[corner].astype(np.float64) for corner in triangles.faces.T)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
-    return np.bincount(triangles.element, area, len(triangles.semantic))

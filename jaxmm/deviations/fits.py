@@ -12,16 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.deviations.meetings import MOST_OFF, Meetings
+from jaxmm.deviations.meetings import MOST_OFF, STEEP, Meetings
 
 LEAST_RAYS = 20  # of a group, to be fitted
 IN_PLACE = 0.03  # [m] off its face, up to which a thing is in its place, or hardly off
 STANDS = 0.5  # share of the rays that could reach a face, that must end on it
 TRIES, TRIED = 80, 400  # samples of three rays, and rays that judge them
-MOST_SLOPE = np.tan(np.radians(5.0))  # of a face off its place, against it
+MOST_SLOPE = np.tan(np.radians(10.0))  # of a face off its place, against it
+BENT = np.radians(0.5)  # that normals of one face may differ by; of a bent one, slopes tell nothing
 LEAST_SIGMA = 0.0001  # [m] of exact rays
 CUT = 4.0  # standard deviations, beyond which a ray has no say
 ROUNDS = 10
+RADIUS = 0.002  # [m] that a shaft may be thicker or thinner than drawn, which looks like a shift toward the sensor
+OVAL = 0.05  # of the radius, that a round shaft may be off a circle
+UNKNOWN_SLOPE = 1.0  # of what tells no slope: far more than any
 LEAST_TOLD = 0.05  # of what a round body tells of its surest way, that it must tell of another
 LEAST_EXTENT = 0.02  # [m] standard deviation of ends along a face: less is an edge
 CELL = 0.1  # [m] of a face, within which rays err together
@@ -45,11 +49,12 @@ class Fit(NamedTuple):
     left: np.ndarray  # (K,) [m] of all rays off it
     through: int  # rays that end clearly behind it
     every: int  # rays that each of these stands for
+    first: bool = True  # of a round body, all ways but one say the same rays again
 
     @property
     def rays(self) -> int:
-        """How many end on it."""
-        return int(self.on.sum()) * self.every
+        """How many end on it; 0 where another fit says so already."""
+        return int(self.on.sum()) * self.every if self.first else 0
 
 
 def fit_of(group: Meetings) -> Fit | None:
@@ -84,9 +89,11 @@ def fits_of_curved(body: Meetings) -> list[Fit]:
         on = _shift_of_most(body.off, flat)
         if on is None:
             return []
+    circle, shift = _circle(body), np.zeros(2)
     for _ in range(ROUNDS):
-        shift = np.linalg.lstsq(flat[on], body.off[on], rcond=None)[0]
-        left = body.off - flat @ shift
+        ways, left = _laid(body, circle, shift)
+        shift = shift + np.linalg.lstsq(ways[on], left[on], rcond=None)[0]
+        ways, left = _laid(body, circle, shift)
         sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(left[on]))))
         width = min(max(CUT * sigma, 2.0 * LEAST_SIGMA), IN_PLACE)
         new = np.abs(left) < width
@@ -95,23 +102,51 @@ def fits_of_curved(body: Meetings) -> list[Fit]:
         if np.array_equal(new, on):
             break
         on = new
-    cells = count_cells(body.end[on])
-    worth = max(4.0, min(float(cells), float(on.sum()))) / on.sum()
-    square, ways = np.linalg.eigh(flat[on].T @ flat[on] * worth)
-    middle = body.end[on].mean(axis=0)
-    through = int(np.sum(left < -width)) * body.every
-    found = []
-    for told, way in zip(square, ways.T, strict=True):
+    worth = max(4.0, min(float(count_cells(body.end[on])), float(on.sum()))) / on.sum()
+    square, axes = np.linalg.eigh(ways[on].T @ ways[on] * worth)
+    middle, looks = body.end[on].mean(axis=0), ways[on].sum(axis=0)
+    up = body.end[on][:, 2] - middle[2]
+    if circle is not None:
+        middle[:2] = circle[0] + shift  # a turn about its own axis moves no round shaft
+    # How it leans: what is left, as it grows with the height.
+    both = np.linalg.lstsq(np.column_stack([ways[on], ways[on] * up[:, None]]), left[on], rcond=None)[0]
+    shift, lean, high = shift + both[:2], both[2:], max(float(up.std()), LEAST_EXTENT)
+    through, found = int(np.sum(left < -width)) * body.every, []
+    for told, way in zip(square[::-1], axes.T[::-1], strict=True):
         if told < LEAST_TOLD * square[-1]:
             continue
-        normal = np.array([*way, 0.0]) * (1.0 if flat[on].sum(axis=0) @ way >= 0.0 else -1.0)
-        axes = _axes(normal)
-        variance = np.diag([sigma**2 / told, *np.full(2, MOST_SLOPE**2)])
+        normal = np.array([*way, 0.0]) * (1.0 if looks @ way >= 0.0 else -1.0)
+        along = _axes(normal)
+        variance = np.diag([sigma**2 / told + RADIUS**2, UNKNOWN_SLOPE**2, sigma**2 / told / high**2])
+        slope = np.array([0.0, along[1, 2] * float(normal[:2] @ lean)])
         found.append(Fit(
-            middle, normal, axes, float(np.array([*shift, 0.0]) @ normal), np.zeros(2), variance, sigma,
-            (body.end[on] @ axes.T).std(axis=0), on, left, through, body.every,
+            middle, normal, along, float(normal[:2] @ shift), slope, variance, sigma,
+            (body.end[on] @ along.T).std(axis=0), on, left, through, body.every, not found,
         ))  # fmt: skip
     return found
+
+
+def _laid(body: Meetings, circle: tuple[np.ndarray, float] | None, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (K, 2) in plan, across the body where each ray ends, and how far (K,) [m] off it, after a shift."""
+    if circle is None:
+        return body.normal[:, :2], body.off - body.normal[:, :2] @ shift
+    arms = body.end[:, :2] - circle[0] - shift
+    reach = np.maximum(np.linalg.norm(arms, axis=1), 1e-9)
+    return arms / reach[:, None], reach - circle[1]
+
+
+def _circle(body: Meetings) -> tuple[np.ndarray, float] | None:
+    """Middle (2,) [m] and radius [m] of a round shaft, by where its rays should end; None of any other."""
+    way = (body.end - body.sensor) / body.reach[:, None]
+    cosine = -np.einsum("kc,kc->k", body.normal, way)
+    hit = (body.end + way * (body.off / cosine)[:, None])[:, :2]
+    flat = body.normal[:, :2]
+    # Of all lines along the normals, the place that is nearest to them.
+    across = np.eye(2) - np.einsum("ki,kj->kij", flat, flat)
+    middle = np.linalg.lstsq(across.sum(axis=0), np.einsum("kij,kj->i", across, hit), rcond=None)[0]
+    reach = np.einsum("kc,kc->k", hit - middle, flat)
+    radius = float(np.median(reach))
+    return (middle, radius) if radius > 0.0 and np.abs(reach - radius).max() < OVAL * radius else None
 
 
 def _shift_of_most(off: np.ndarray, flat: np.ndarray) -> np.ndarray | None:
@@ -177,27 +212,29 @@ def _plane_of_most(group: Meetings, place: np.ndarray) -> np.ndarray | None:
 def _fitted(group: Meetings, place: np.ndarray, frame: tuple[np.ndarray, np.ndarray], start: np.ndarray) -> Fit | None:
     """Least squares about the rays of a start (K,) bool."""
     normal, axes = frame
-    on = start
-    for _ in range(ROUNDS):
+    on, found = start, np.zeros(3)
+    for number in range(ROUNDS + 1):
         middle = place[on].mean(axis=0)
         rows = np.column_stack([np.ones(on.sum()), place[on] - middle])
         found = np.linalg.lstsq(rows, group.off[on], rcond=None)[0]
         left = group.off - found[0] - (place - middle) @ found[1:]
         sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(left[on]))))
-        width = max(CUT * sigma, 2.0 * LEAST_SIGMA)
-        new = np.abs(left) < min(width, IN_PLACE)
+        width = min(max(CUT * sigma, 2.0 * LEAST_SIGMA), IN_PLACE)
+        new = np.abs(left) < width
         if new.sum() < LEAST_RAYS or not _is_wide(place[new]) or np.abs(found[1:]).max() > MOST_SLOPE:
             return None
-        if np.array_equal(new, on):
+        if number == ROUNDS or np.array_equal(new, on):
             break
         on = new
+    if abs(normal[2]) > STEEP and found[0] > IN_PLACE:
+        return None  # a screed, or a ceiling that hangs below a slab, hides where the slab is
     # Neighbours err alike: a cell counts as one.
-    cells = count_cells(place[on])
-    worth = max(4.0, min(float(cells), float(on.sum())))
-    rows = np.column_stack([np.ones(on.sum()), place[on] - middle])
+    worth = max(4.0, min(float(count_cells(place[on])), float(on.sum())))
     told = rows.T @ rows * (worth / on.sum())
     scale = np.diag([0.0, *(1.0 / np.square(np.full(2, MOST_SLOPE)))]) * sigma**2
     variance = np.linalg.inv(told + scale) * sigma**2
+    if np.max(np.arccos(np.clip(group.normal @ normal, -1.0, 1.0))) > BENT:
+        variance = np.diag([variance[0, 0], *np.full(2, UNKNOWN_SLOPE**2)])
     behind = int(np.sum(left < -max(width, IN_PLACE)))
     return Fit(
         group.end[on].mean(axis=0), normal, axes, float(found[0]), found[1:], variance, sigma, place[on].std(axis=0),

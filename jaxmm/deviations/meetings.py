@@ -8,6 +8,7 @@ sixth of its shaft. Faces are told by the ray itself, not by what is nearest: of
 the nearest face is its back, which no ray of this side ends on.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -76,5 +77,5 @@ def _ways(normal: np.ndarray) -> np.ndarray:
 
 def groups_of(found: Meetings) -> list[slice]:
     """The rays of each group, in the order that `meetings_of` gives."""
-    starts = np.flatnonzero(np.diff(found.group, prepend=-1))
-    return [slice(int(a), int(b)) for a, b in zip(starts, [*starts[1:], len(found.group)], strict=True)]
+    edges = [*np.flatnonzero(np.diff(found.group, prepend=-1)).tolist(), len(found.group)]
+    return [slice(a, b) for a, b in itertools.pairwise(edges)]

@@ -13,6 +13,7 @@ import numpy as np
 from jaxmm.rays.scan_rays import ScanRays, measured_points
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.scenes.building import Triangles, element_bounds
+from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare
 
 WIDEST, LOWEST = 1.2, 1.0  # [m] edges in plan of what may be a column, at most, and its height, at least
@@ -23,6 +24,7 @@ EXPLAINED = 0.02  # [m] from the surface of something else, within which a point
 ENDS = 0.1  # [m] at foot and head that are left out: floors and ceilings are there
 AROUND = 0.25  # [m] farther than it may have moved: what reaches there is something else
 LEAST_POINTS, LEAST_SHARE = 40, 0.75  # points there that belong to nothing else, and how many of them lie on it
+MOST_POINTS = 2000  # of them that are laid
 AS_GOOD = 0.97  # of the most points: shifts with so many are as likely
 MOST_SPREAD = 0.1  # [m] of those shifts, beyond which nobody knows where it stands
 
@@ -35,10 +37,11 @@ class Shift(NamedTuple):
 
 
 def columns_of(scene: TriangleScene) -> np.ndarray:
-    """Rows of the elements that are slender and stand."""
+    """Rows of the elements that are slender and stand; no doors and windows, for their leaves turn."""
     low, high = element_bounds(scene.triangles)
     size = high - low
-    return np.flatnonzero((size[:, :2].max(axis=1) < WIDEST) & (size[:, 2] > LOWEST))
+    slender = (size[:, :2].max(axis=1) < WIDEST) & (size[:, 2] > LOWEST)
+    return np.flatnonzero(slender & ~np.isin(scene.triangles.semantic, (DOOR, WINDOW)))
 
 
 def shifts_of(scene: TriangleScene, rays: list[ScanRays], rows: np.ndarray, most: float) -> dict[int, Shift]:
@@ -70,6 +73,7 @@ def _shift(
         about = about[clearance(others, about, 2.0 * EXPLAINED) > EXPLAINED]
     if own is None or len(about) < LEAST_POINTS:
         return None
+    about = about[:: -(-len(about) // MOST_POINTS)]
     line = np.arange(-most, most + STEP / 2.0, STEP)
     tried = np.stack([*np.meshgrid(line, line, indexing="ij"), np.zeros((len(line), len(line)))], axis=-1).reshape(
         -1, 3

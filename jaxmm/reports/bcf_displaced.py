@@ -74,7 +74,7 @@ def element_box(drawing: Drawing, one: ElementVerdict) -> Mismatch | None:
 def _facts(one: ElementVerdict) -> Iterator[str]:
     told = one.deviation
     axes = [
-        f"{axis} {millimetres(value, told.half)} mm"
+        f"{axis} {millimetres(value, (span[1] - span[0]) / 2.0)} mm"
         for axis, value, span in zip("xyz", told.offset, told.interval, strict=True)
         if span is not None
     ]

@@ -22,11 +22,14 @@ from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import CLASSES, DetectSettings
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, UNSCANNED, Verdict
 from warp_scanner.scenes.building import Triangles, element_bounds
+from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.triangles import prepare
 
 KEPT_SHIFT, KEPT_TURN = 0.003, 0.1  # [m], [deg] of the sensor, up to which a pose is as it was given
 LEAST_MOVED = 0.01  # [m] off its place, from which an element is judged where it stands
 WHOLLY = 0.95  # share of them, below which a column may stand beside its place
+MOST_HALF = 0.02  # [m] that an offset may be wrong by, where it is asked whether it is the same element
+AJAR = 1.0  # [deg] by which a door or a window is turned that stands ajar
 STANDS = 0.5  # share of the rays that could reach an element, that end on it where it stands
 
 
@@ -49,7 +52,7 @@ def as_built(prior: Prior, rays: list[ScanRays], placed: list[Placed], settings:
     limits = settings.deviations
     found = deviations_of(prior.scene, rays, trust, tolerances(prior, limits))
     # Farther than that it is another thing, or the same one that was moved.
-    found = {row: one for row, one in found.items() if np.linalg.norm(one.offset) <= limits.most + one.half}
+    found = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= limits.most + MOST_HALF}
     moved = {row: _step(one) for row, one in found.items() if _is_off(one)}
     # What stands beside its place is where its rays pass.
     lost = [row for row in columns_of(prior.scene) if row not in found or found[row].stands < WHOLLY]
@@ -59,7 +62,7 @@ def as_built(prior: Prior, rays: list[ScanRays], placed: list[Placed], settings:
         again = deviations_of(there.scene, rays, trust, tolerances(prior, limits))
         for row, shift in shifts.items():
             one = shifted(again[row], shift) if row in again and again[row].stands >= STANDS else None
-            if one is not None and np.linalg.norm(one.offset) <= limits.most + one.half:
+            if one is not None and np.linalg.norm(one.offset) <= limits.most + MOST_HALF:
                 found[row], moved[row] = one, _step(one)
     now = _with_moved(prior, moved, found) if moved else prior
     return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)})
@@ -67,11 +70,12 @@ def as_built(prior: Prior, rays: list[ScanRays], placed: list[Placed], settings:
 
 def _is_off(one: Deviation) -> bool:
     """Whether an element surely stands, and surely not in its place, as the pose has it."""
-    return one.stands >= STANDS and abs(one.distance) > max(LEAST_MOVED, one.half if is_told(one) else 0.0)
+    off = max(float(np.linalg.norm(one.step)), one.worst)
+    return one.stands >= STANDS and off > max(LEAST_MOVED, one.half if is_told(one) else 0.0)
 
 
 def _step(one: Deviation) -> tuple[np.ndarray, np.ndarray]:
-    return np.array(one.offset), np.array(one.turned)
+    return np.array(one.step), np.array(one.turned)
 
 
 def tolerances(prior: Prior, limits: DeviationSettings) -> np.ndarray:
@@ -85,15 +89,22 @@ def with_displaced(verdicts: list[Verdict], stands: AsBuilt, prior: Prior, setti
     if not stands.deviations:
         return verdicts
     tolerance, found = tolerances(prior, settings.deviations), list(verdicts)
+    semantic = prior.scene.triangles.semantic
     for row, one in stands.deviations.items():
-        verdict = found[row].verdict
-        stands = STANDS if verdict in (OCCLUDED, UNSCANNED) else WHOLLY
-        if one.stands >= stands and one.rays >= settings.verdicts.least_rays:
+        verdict, enough = found[row].verdict, one.rays >= settings.verdicts.least_rays
+        least = STANDS if verdict in (OCCLUDED, UNSCANNED) else WHOLLY
+        if enough and one.stands >= least:
             verdict = PRESENT
-        if verdict == PRESENT and abs(one.distance) - one.half > tolerance[row]:
-            verdict = DISPLACED
+        if verdict == PRESENT and enough and one.stands >= STANDS and is_displaced(one, float(tolerance[row])):
+            ajar = semantic[row] in (DOOR, WINDOW) and (one.turn is None or abs(one.turn) > AJAR)
+            verdict = PRESENT if ajar else DISPLACED
         found[row] = found[row]._replace(verdict=verdict)
     return found
+
+
+def is_displaced(one: Deviation, tolerance: float) -> bool:
+    """Whether its middle, or a tenth of it and more as it turned or leans, is surely off by more than that [m]."""
+    return max(abs(one.distance), one.worst) - one.half > tolerance
 
 
 def _trust(one: Placed, refine: bool) -> str:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxmm.deviations.deviation import Deviation
+from jaxmm.deviations.deviation import PRIVATE, Deviation
 from jaxmm.learning.boxes import Box, sentence
 from jaxmm.rays.evidence import FRACTIONS
 from jaxmm.verdicts.verdicts import DISPLACED, PRESENT, REMOVED, STANDS, VERDICTS
@@ -249,7 +249,7 @@ def _element(one: ElementVerdict) -> dict[str, Any]:
     del told["points"], told["rays"]
     if one.deviation is not None:
         deviation = one.deviation._asdict()
-        for private in ("turned", "half", "stands", "scans"):
+        for private in PRIVATE:
             del deviation[private]
         told["deviation"] = deviation
     return _plain(told | {"evidence": evidence, "probability": told_probability(one.probability)})

@@ -1,0 +1,135 @@
+"""How one element moved from its place: by least squares over all its faces in all scans.
+
+S scans. Positions are offsets from the prior's origin, world axes: metres, z up. A motion is a shift [m] of the
+element's middle and a rotation vector [rad] about it (6,).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmm.deviations.fits import Fit
+from jaxmm.deviations.meetings import Meetings
+from jaxmm.deviations.pose_errors import PoseError, rows_of, scatter
+
+FREE = (1.0, 1.0, 1.0, 0.03, 0.03, 0.1)  # [m, rad] standard deviations of an element off its place, before it is seen
+FIXED = 0.05  # [m] of a direction of the shift, up to which faces fix it
+FIXED_TURN = np.radians(0.5)  # of a turn
+NORMAL = 1.96  # standard deviations to either side hold 95 %
+AT_ODDS = 4.0  # standard deviations, from which on a face contradicts what all faces together say
+
+
+class Seen(NamedTuple):
+    """One face of an element in one scan."""
+
+    fit: Fit
+    rays: Meetings  # of its group
+    scan: int
+
+
+class Motion(NamedTuple):
+    """A motion with all that it may as well be."""
+
+    step: np.ndarray  # (6,)
+    covariance: np.ndarray  # (6, 6)
+    swings: tuple[np.ndarray, ...]  # of each scan (A, 6): how much else it would be by A other poses of that scan
+    answers: tuple[np.ndarray, ...]  # (6,) what each scan says alone, where they contradict each other
+
+    @property
+    def keep(self) -> np.ndarray:
+        """(3, 3) projection onto the directions of the shift that faces fix; zero where they fix none."""
+        square, axes = np.linalg.eigh(self.covariance[:3, :3])
+        fixed = axes[:, square < FIXED**2]
+        return fixed @ fixed.T
+
+    @property
+    def turned(self) -> np.ndarray:
+        """(3,) [rad] rotation vector of what the faces fix."""
+        square, axes = np.linalg.eigh(self.covariance[3:, 3:])
+        fixed = axes[:, square < FIXED_TURN**2]
+        return fixed @ fixed.T @ self.step[3:]
+
+    @property
+    def angles(self) -> tuple[float | None, float | None]:
+        """Turn about the vertical, and lean [deg]; None where no face fixes it."""
+        spread, turned = self.covariance[3:, 3:], self.turned
+        turn = float(np.degrees(turned[2])) if spread[2, 2] < FIXED_TURN**2 else None
+        leans = np.linalg.eigvalsh(spread[:2, :2])[0] < FIXED_TURN**2
+        return turn, float(np.degrees(np.linalg.norm(turned[:2]))) if leans else None
+
+    def span(self, way: np.ndarray) -> tuple[float, float]:
+        """The 95 % interval of the fixed part of the shift along a way (3,), by all that explains what was seen."""
+        along = self.keep @ way
+        middle = float(along @ self.step[:3])
+        half = NORMAL * float(np.sqrt(max(along @ self.covariance[:3, :3] @ along, 0.0)))
+        # Scans may be off each by itself, so what each leaves open adds up.
+        swings = [one[:, :3] @ along for one in self.swings if len(one)]
+        low = middle + sum(min(0.0, float(one.min())) for one in swings)
+        high = middle + sum(max(0.0, float(one.max())) for one in swings)
+        others = [float(along @ one[:3]) for one in self.answers]
+        return min([low, *others]) - half, max([high, *others]) + half
+
+
+def motion_of(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray) -> Motion:
+    """The motion of one element.
+
+    Args:
+        seen: its faces, at least one.
+        poses: of each scan, how far off it may be, the likeliest first.
+        sensors: of each scan (3,) [m].
+        middle: (3,) [m] of the element.
+    """
+    scans = sorted({one.scan for one in seen})
+    best, spread, gains = _solved(seen, poses, sensors, middle)
+    swings = tuple(
+        np.array([gains[scan] @ (other.correction - poses[scan][0].correction) for other in poses[scan][1:]])
+        for scan in scans
+    )
+    answers: tuple[np.ndarray, ...] = ()
+    if len(scans) > 1 and _are_at_odds(seen, best, poses, sensors, middle):
+        answers = tuple(_solved([one for one in seen if one.scan == scan], poses, sensors, middle)[0] for scan in scans)
+    return Motion(best, spread, swings, answers)
+
+
+def _solved(
+    seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, dict[int, np.ndarray]]:
+    """The motion (6,), its covariance, and of each scan how it changes with that scan's correction (6, 6)."""
+    told, right = np.diag(1.0 / np.square(FREE)), np.zeros(6)
+    scans = sorted({one.scan for one in seen})
+    arms_of: dict[int, np.ndarray] = {}
+    for scan in scans:
+        pose, sensor, how = poses[scan][0], sensors[scan], np.zeros((6, 6))
+        for fit in (one.fit for one in seen if one.scan == scan):
+            off, arms = rows_of(fit, sensor)
+            # A body that moves by a step moves its face as far toward the sensor.
+            rows = rows_of(fit, middle)[1]
+            # What a surface does to a sensor's ranges it does in every scan: it does not average out.
+            sigma = scatter(fit, pose.place * np.sqrt(len(scans)))
+            scaled = rows / sigma[:, None]
+            told += scaled.T @ scaled
+            right += scaled.T @ ((off + arms @ pose.correction) / sigma)
+            how += scaled.T @ (arms / sigma[:, None])
+        arms_of[scan] = how
+    own = np.linalg.inv(told)
+    gains = {scan: own @ how for scan, how in arms_of.items()}
+    spread = own.copy()
+    for scan, gain in gains.items():
+        pose = poses[scan][0].without([one.fit for one in seen if one.scan == scan], sensors[scan])
+        spread += gain @ pose @ gain.T
+    return own @ right, spread, gains
+
+
+def _are_at_odds(
+    seen: list[Seen], step: np.ndarray, poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray
+) -> bool:
+    """Whether some face lies where no error of its rays and pose explains it, if the element moved by a step."""
+    for one in seen:
+        pose = poses[one.scan][0]
+        off, arms = rows_of(one.fit, sensors[one.scan])
+        left = off + arms @ pose.correction - rows_of(one.fit, middle)[1] @ step
+        loose = pose.without([each.fit for each in seen if each.scan == one.scan], sensors[one.scan])
+        sigma = np.sqrt(scatter(one.fit, pose.place)[0] ** 2 + arms[0] @ loose @ arms[0])
+        if abs(left[0]) > AT_ODDS * sigma:
+            return True
+    return False

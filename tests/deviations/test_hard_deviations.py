@@ -1,0 +1,104 @@
+"""Deviations where it is easy to be sure of what is wrong: ends, turns, round shafts, scans that disagree."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from jaxmm.deviations.deviation import deviations_of
+from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
+from jaxmm.verdicts.as_built import is_displaced
+from tests.cases.box_building import building_of
+from tests.deviations.test_deviation import COLUMN, FREE, HALL, PLACE, hall, moved, seen, told
+from warp_scanner.scenes.building import Triangles, join
+from warp_scanner.scenes.scenes import PILLAR, WALL
+from warp_scanner.sensors.triangles import prepare
+
+BESIDE = np.array([2.0, 4.3, 1.4])  # from where the end of the free wall shows, too
+
+
+def shaft(x, y, radius=0.25, sections=48) -> Triangles:
+    """A round column that stands from floor to ceiling."""
+    mesh = trimesh.creation.cylinder(radius, 3.0, sections=sections)
+    vertices = (mesh.vertices + np.array([x, y, 1.5])).astype(np.float32)
+    return Triangles(vertices, mesh.faces.astype(np.int32), np.zeros(len(mesh.faces), np.int32), np.uint8([PILLAR]))
+
+
+@pytest.mark.parametrize("step", [(0.0, 0.06, 0.0), (0.05, 0.04, 0.0)])
+def test_the_end_of_a_wall_tells_as_its_side_does(step):
+    one = told(hall(), seen(moved(hall(), FREE, step), BESIDE, 0.002))[FREE]
+    assert one.offset[1] == pytest.approx(step[1], abs=2e-3) and abs(one.distance) >= max(np.abs(step)) - 2e-3
+    assert is_displaced(one, 0.03) and one.classes == {"loa": "LOA10", "din18202": "beyond"}
+
+
+@pytest.mark.parametrize("angle", [-7.0, -2.0, 1.5, 3.0, 7.0])
+def test_what_is_turned_or_leans_is_off_by_its_ends(angle):
+    """Of a wall of 4 x 3 m that turns about its middle, the ends are off by up to a quarter of a metre."""
+    for turn, high in (((0.0, 0.0, angle), 2.0), ((0.0, angle, 0.0), 1.5)):
+        one = told(hall(), seen(moved(hall(), FREE, turn=turn)))[FREE]
+        assert is_displaced(one, 0.03) and abs(one.distance) < 2e-3
+        assert 0.7 * high < one.worst / np.tan(np.radians(abs(angle))) <= high
+        assert one.classes["loa"] != "LOA50"
+    assert one.classes["din18202"] == "beyond"  # as it leans
+
+
+@pytest.mark.parametrize("place", [(-1.0, 0.3, 1.4), (1.0, -2.0, 1.4), (-3.5, 2.0, 1.4)])
+@pytest.mark.parametrize("step", [(0.0, 0.0, 0.0), (0.05, 0.0, 0.0), (0.0, 0.05, 0.0), (-0.03, 0.04, 0.0)])
+def test_a_round_column_is_off_by_what_it_moved(place, step):
+    room, number = building_of(HALL[:COLUMN]).triangles, COLUMN
+    model, real = (join(room, shaft(-2.0 + x, -1.0 + y)) for x, y in ((0.0, 0.0), step[:2]))
+    rays = seen(real, np.array(place), 0.003)
+    one = deviations_of(prepare(model), [rays], [EXACT], np.full(COLUMN + 1, 0.03))[number]
+    assert one.offset == pytest.approx(step, abs=4e-3)
+    for axis in (0, 1):
+        assert one.interval[axis][0] - 5e-4 <= step[axis] <= one.interval[axis][1] + 5e-4
+    assert is_displaced(one, 0.03) == any(step) and one.distance == pytest.approx(
+        one.direction @ np.array(step), abs=4e-3
+    )
+    near = np.linalg.norm(rays.position[:2] + rays.direction[:, :2] * rays.distance[:, None] - [-2, -1], axis=1) < 0.4
+    assert one.rays <= near.sum()  # each of them counts once
+
+
+def test_scans_that_disagree_leave_open_what_is_true():
+    """A wardrobe before the wall, or another day: the mean of both is no place where anything stands."""
+    scans = seen(moved(hall(), FREE, (0.2, 0.0, 0.0))), seen(hall(), np.array([-2.0, 1.0, 1.5]))
+    for trust in (EXACT, REGISTERED):
+        low, high = told(hall(), *scans, trust=trust)[FREE].interval[0]
+        assert low <= 1e-3 and high >= 0.199
+
+
+@pytest.mark.parametrize("count", [1, 3, 6])
+def test_more_scans_do_not_settle_which_of_two_walls_moved(count):
+    box = [one for number, one in enumerate(HALL) if number not in (FREE, COLUMN)]
+    model = building_of(box).triangles
+    places = [PLACE + np.array([0.4, 0.3, 0.0]) * number for number in range(count)]
+    scans = [seen(moved(model, 3, (0.08, 0.0, 0.0)), place, 0.003, number) for number, place in enumerate(places)]
+    found = deviations_of(prepare(model), scans, [REGISTERED] * count, np.full(len(box), 0.03))
+    for row, sides in ((2, (-0.08, 0.0)), (3, (0.0, 0.08))):
+        if found[row].interval[0] is not None:
+            assert found[row].interval[0][0] <= sides[0] + 3e-3 and found[row].interval[0][1] >= sides[1] - 3e-3
+
+
+@pytest.mark.parametrize("trust", [EXACT, KEPT, REGISTERED])
+@pytest.mark.parametrize("count", [1, 4, 12])
+def test_a_bias_of_the_sensor_does_not_average_out(trust, count):
+    """Ranges that are 6 mm too long: what stands in its place is still held to do so, by most faces."""
+    scans = []
+    for number in range(count):
+        rays = seen(hall(), PLACE + np.array([0.2, 0.15, 0.0]) * number, 0.003, number)
+        distance = rays.distance + np.float32(0.006) * np.isfinite(rays.distance)
+        scans.append(rays._replace(distance=distance.astype(np.float32)))
+    found = told(hall(), *scans, trust=trust)
+    held = [both[0] <= 0.0 <= both[1] for one in found.values() for both in one.interval if both is not None]
+    assert np.mean(held) >= 0.9
+
+
+def test_a_scan_of_which_no_ray_meets_a_face_tells_nothing():
+    rays = seen(hall())
+    assert told(hall(), rays._replace(position=rays.position + np.array([500.0, 0.0, 0.0]))) == {}
+    assert told(hall(), rays._replace(measured=0)) == {}
+
+
+def test_a_ceiling_that_hangs_below_a_slab_does_not_displace_it():
+    real = building_of((*HALL, ((0, 0, 2.85), (6, 5, 0.02), WALL))).triangles
+    found = deviations_of(prepare(hall()), [seen(real)], [EXACT], np.full(len(HALL), 0.03))
+    assert 1 not in found and abs(found[0].distance) < 1e-3
