@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 from jaxmm.ifc.draft import Draft
+from warp_scanner.buildings.ifc_model import identity_of
 
 OWN_SET, DEVIATION_SET = "jaxmm_Verdict", "jaxmm_Deviation"  # the prefix Pset_ is the standard's
 UNCERTAINTY_SET = "Pset_Uncertainty"  # from IFC4X3 on
@@ -108,13 +109,13 @@ def _sets(element: Any, name: str) -> Any:
 def _new_set(draft: Draft, element: Any, name: str, properties: list[Any]) -> None:
     made = _bare_set(draft, element, name, properties)
     draft.root(
-        "IfcRelDefinesByProperties", f"relation of {name} of {element.GlobalId}",
+        "IfcRelDefinesByProperties", f"relation of {name} of {identity_of(element)}",
         RelatedObjects=[element], RelatingPropertyDefinition=made,
     )  # fmt: skip
 
 
 def _bare_set(draft: Draft, element: Any, name: str, properties: list[Any]) -> Any:
-    return draft.root("IfcPropertySet", f"{name} of {element.GlobalId}", Name=name, HasProperties=properties)
+    return draft.root("IfcPropertySet", f"{name} of {identity_of(element)}", Name=name, HasProperties=properties)
 
 
 def _property(draft: Draft, name: str, value: Any) -> Any:

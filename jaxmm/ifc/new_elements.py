@@ -11,6 +11,7 @@ import numpy as np
 from jaxmm.ifc.draft import Draft
 from jaxmm.ifc.placements import new_axes, rounded, world_matrix
 from jaxmm.verdicts.results import Mismatch
+from warp_scanner.buildings.ifc_model import identity_of
 
 FOOT_SLACK = 0.1  # [m] a measured foot this far below a storey's elevation still stands on it
 _CLASSES = {"wall": ("IfcWall", "SOLIDWALL"), "pillar": ("IfcColumn", "COLUMN")}
@@ -93,7 +94,7 @@ def add_object(draft: Draft, ground: Ground, mismatch: Mismatch, name: str, desc
 def contain(draft: Draft, storey: Any, elements: list[Any]) -> None:
     """Put new elements on a storey, by a relation of their own: what the storey has already keeps its text."""
     draft.root(
-        "IfcRelContainedInSpatialStructure", f"added to {storey.GlobalId}",
+        "IfcRelContainedInSpatialStructure", f"added to {identity_of(storey)}",
         RelatedElements=elements, RelatingStructure=storey,
     )  # fmt: skip
 

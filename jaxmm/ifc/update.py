@@ -6,7 +6,6 @@ that was read is never written to.
 """
 
 import math
-from collections import Counter
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +20,7 @@ from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import sentence
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, box_of, told_probability
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, REMOVED, STANDS
+from warp_scanner.buildings.ifc_model import identity_of
 
 NOT_APPLIED = "--apply: removed elements are marked, not deleted: it is open whether every scan is of this place"
 
@@ -87,7 +87,10 @@ class _Update:
         self.notes: list[str] = []
         self._doubts = detection.doubts
         self._verdicts = {one.guid: one for one in detection.elements}
-        self._times = Counter(one.GlobalId for one in draft.model.by_type("IfcRoot"))
+        # Not by the library's index: that finds no GlobalId that is malformed.
+        self._entities: dict[str, list[Any]] = {}
+        for one in draft.model.by_type("IfcRoot"):
+            self._entities.setdefault(identity_of(one), []).append(one)
 
     def mark_removed(self, apply: bool) -> None:
         """Our set on every element that a mismatch or a verdict calls removed; Status for those of a mismatch.
@@ -166,9 +169,9 @@ class _Update:
         """Delete the elements of removed mismatches; what hangs on them is marked and stays."""
         going = [element for guid, element in self.removed.items() if guid not in self.kept]
         for element in hanging_on(going):
-            guid = element.GlobalId
+            guid = identity_of(element)
             what = f"{_named(element)} hung on a deleted element; it was kept"
-            if self._times[guid] == 1:
+            if len(self._entities[guid]) == 1:
                 verdict = self._verdicts.get(guid)
                 known = (verdict.verdict, verdict.probability) if verdict else (None, math.nan)
                 self._mark(element, *known, Note="its host was removed")
@@ -200,13 +203,13 @@ class _Update:
         """The one product of that GlobalId; None, with a note, where there is not exactly one."""
         if guid is None:
             self.notes.append(f"{what} is no element of the file: nothing was changed for it")
-        elif self._times[guid] != 1:
-            found = f"{self._times[guid]} entities" if self._times[guid] else "none"
-            self.notes.append(f"{what} has the GlobalId {guid}, of which the file has {found}: nothing was changed")
-        elif not (found := self.draft.model.by_guid(guid)).is_a("IfcProduct"):
-            self.notes.append(f"{what} has the GlobalId of an {found.is_a()}, {guid}: nothing was changed for it")
+        elif len(found := self._entities.get(guid, [])) != 1:
+            count = f"{len(found)} entities" if found else "none"
+            self.notes.append(f"{what} has the GlobalId {guid}, of which the file has {count}: nothing was changed")
+        elif not found[0].is_a("IfcProduct"):
+            self.notes.append(f"{what} has the GlobalId of an {found[0].is_a()}, {guid}: nothing was changed for it")
         else:
-            return found
+            return found[0]
         return None
 
     def _origin(self, one: Mismatch) -> str | None:
@@ -215,7 +218,7 @@ class _Update:
 
 
 def _named(element: Any) -> str:
-    return f"{element.is_a()} {element.GlobalId} ({element.Name or 'without a name'})"
+    return f"{element.is_a()} {identity_of(element)} ({element.Name or 'without a name'})"
 
 
 def _known(value: float | None) -> float | None:

@@ -46,12 +46,11 @@ def look_past_what_is_gone(
     looked: list[Looked],
     told: list[Told],
     judges: Judges,
-    classes: list[int],
     limits: VerdictSettings,
     *,
     sure: Callable[[list[Told]], list[Told]] = list,
 ) -> tuple[list[Looked] | None, list[Told]]:
-    """The scans, and what they tell of elements, compared again without walls and columns that are gone.
+    """The scans, and what they tell of elements, compared again without what is gone, of whatever class it is.
 
     What stands behind a wall that is gone is beyond what its rays should have met, as old things there are; it is
     before what remains, as new things are. Points on what is called gone, as on a part of it that still stands, or a
@@ -65,8 +64,7 @@ def look_past_what_is_gone(
         looked: each scan.
         told: what each tells.
         judges: the models.
-        classes: semantic ones, whose elements may be gone.
-        limits: when they are.
+        limits: when elements are gone.
         sure: leaves of what scans tell what does not hang on how well their poses are known; nothing else is gone.
 
     Returns:
@@ -76,7 +74,7 @@ def look_past_what_is_gone(
     nothing = np.zeros(len(prior.scene.triangles.semantic), bool)
     views = [Past(says, one.removed, nothing) for one, says in zip(looked, told, strict=True)]
     while True:
-        gone = gone_of(prior.building, verdicts_of(sure([one.told for one in views]), limits), classes)
+        gone = gone_of(prior.building, verdicts_of(sure([one.told for one in views]), limits))
         again = [_asked_again(prior, one, view, gone, judges, limits) for one, view in zip(looked, views, strict=True)]
         if all(new is old for new, old in zip(again, views, strict=True)):
             break
@@ -90,10 +88,18 @@ def look_past_what_is_gone(
     return past, [one.told for one in views]
 
 
-def gone_of(building: Building, verdicts: list[Verdict], classes: list[int]) -> np.ndarray:
-    """(E,) bool: walls and columns, of the semantic classes that are asked for, that are removed."""
-    wanted = np.isin(building.triangles.semantic, list(KINDS)) & np.isin(building.triangles.semantic, classes)
-    return np.array([one.verdict == REMOVED for one in verdicts]) & wanted
+def gone_of(building: Building, verdicts: list[Verdict]) -> np.ndarray:
+    """(E,) bool: what is removed and hides nothing any more, of whatever class: linings, ceilings and furniture, too.
+
+    Doors and windows are not among them: those that open are where they were, and go with their wall.
+    """
+    opens = np.isin(building.triangles.semantic, FILLINGS)
+    return np.array([one.verdict == REMOVED for one in verdicts]) & ~opens
+
+
+def holders(building: Building, gone: np.ndarray) -> np.ndarray:
+    """(E,) bool: of what is gone (E,), walls and columns: doors and windows in them are gone with them."""
+    return gone & np.isin(building.triangles.semantic, list(KINDS))
 
 
 def filling(building: Building, chosen: np.ndarray) -> np.ndarray:
@@ -126,7 +132,7 @@ def _asked_again(
     if not fresh.any():
         return view
     now = view.gone | (fresh & ~_wait(prior, one.rays, fresh))
-    now |= filling(prior.building, now)
+    now |= filling(prior.building, holders(prior.building, now))
     if now[prior.scene.triangles.element].all():
         return view
     seen = sight(remains_of(prior, now), one.rays)

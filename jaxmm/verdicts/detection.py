@@ -14,7 +14,7 @@ from jaxmm.learning.boxes import MISMATCH_TYPES
 from jaxmm.learning.prediction import Judges, Side, judge, unjudged
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts.as_built import AsBuilt, as_built, with_displaced
-from jaxmm.verdicts.behind_removed import filling, gone_of, look_past_what_is_gone, remains_of
+from jaxmm.verdicts.behind_removed import filling, gone_of, holders, look_past_what_is_gone, remains_of
 from jaxmm.verdicts.building_evidence import sight
 from jaxmm.verdicts.cloud_comparison import compare
 from jaxmm.verdicts.far_elements import toward_far_elements
@@ -72,9 +72,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     scans = [one._replace(notes=(*one.notes, *found.notes)) for one, found in zip(scans, looked, strict=True)]
     sure, past_gone = partial(_for_sure, prior, looked, scans, settings), None
     if prior.has_elements and beyond_thesis:
-        past_gone, told = look_past_what_is_gone(
-            prior, looked, told, judges, settings.semantics, settings.verdicts, sure=sure
-        )
+        past_gone, told = look_past_what_is_gone(prior, looked, told, judges, settings.verdicts, sure=sure)
     told = sure(told)
     watch.lap("evidence")
     verdicts = _verdicts(prior, told, stands, settings) if prior.has_elements else None
@@ -198,7 +196,7 @@ def _doors_passed(prior: Prior, verdicts: list[Verdict] | None, settings: Detect
     table = prior.building.elements
     passed = np.array([one.verdict == REMOVED for one in verdicts]) & (table.semantic == DOOR)
     if passed.any():
-        passed &= ~filling(prior.building, gone_of(prior.building, verdicts, settings.semantics))
+        passed &= ~filling(prior.building, holders(prior.building, gone_of(prior.building, verdicts)))
     return [repr(table.name[row] or table.guid[row]) for row in np.flatnonzero(passed)]
 
 
@@ -215,8 +213,8 @@ def _elements(
     rows = np.flatnonzero(np.isin(table.semantic, settings.semantics))
     hidden, views = np.array([row for row in rows if verdicts[row].verdict == OCCLUDED], int), {}
     if len(hidden) and settings.propose_views:
-        gone = gone_of(prior.building, verdicts, settings.semantics)
-        gone |= filling(prior.building, gone)
+        gone = gone_of(prior.building, verdicts)
+        gone |= filling(prior.building, holders(prior.building, gone))
         gone[hidden] = False
         remains = remains_of(prior, gone) if gone.any() else prior
         views = dict(zip(hidden.tolist(), _views(remains, placed, looked, hidden), strict=True))

@@ -15,7 +15,7 @@ from jaxmm.verdicts.priors import prior_of_building
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VerdictSettings
 from tests.cases.box_building import building_of, scan_of
-from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, PILLAR, TABLE, WALL
+from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, TABLE, WALL
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, VELODYNE_16
 from warp_scanner.sensors.triangles import cast_triangles, prepare
@@ -82,11 +82,25 @@ def test_the_room_behind_a_wall_that_is_gone_is_told_of(judges):
     assert [one.mismatch_type for one in found.mismatches] == ["removed"]
 
 
-def test_only_classes_that_are_asked_for_are_looked_past(judges):
+def test_what_is_not_asked_for_is_looked_past_without_a_verdict(judges):
     found, _ = told(
         judges, (across(2.0), ((4.0, 1.0, 1.3), (0.2, 0.2, 1.3), PILLAR)), (False, True), classes=("column",)
     )
-    assert [one.verdict for one in found.elements] == [UNSCANNED]
+    assert [one.verdict for one in found.elements] == [PRESENT] and not found.mismatches
+
+
+@pytest.mark.parametrize("semantic", [OTHER, CEILING, FURNITURE])
+def test_what_lines_a_wall_hides_nothing_where_it_is_gone_whatever_it_is(judges, semantic):
+    """Covering, plate or proxy: only the wall gets a verdict."""
+    lined = across(1.8, 0.2, semantic), across(2.0, 0.2), across(2.2, 0.2, semantic)
+    for stands, verdict in (
+        ((False, False, False), REMOVED),
+        ((False, True, True), PRESENT),
+        ((True, True, True), UNSCANNED),
+    ):
+        found, verdicts = told(judges, lined, stands)
+        assert verdicts == [verdict]
+        assert [one.mismatch_type for one in found.mismatches] == (["removed"] if verdict == REMOVED else [])
 
 
 def test_what_may_look_gone_only_from_where_the_pose_is_guessed_is_not_looked_past(judges):
@@ -97,7 +111,7 @@ def test_what_may_look_gone_only_from_where_the_pose_is_guessed_is_not_looked_pa
     def doubting(told):  # that the wall is gone
         return [one._replace(logit=np.where(np.arange(len(one.logit)) == wall, np.nan, one.logit)) for one in told]
 
-    arguments = prior, [seen], [told], judges, [WALL, PILLAR], VerdictSettings()
+    arguments = prior, [seen], [told], judges, VerdictSettings()
     past, [after] = look_past_what_is_gone(*arguments)
     assert past is not None and after.rays[column].sum() > 0 and after.logit[wall] == told.logit[wall] > 0
     past, [after] = look_past_what_is_gone(*arguments, sure=doubting)

@@ -145,3 +145,46 @@ def test_a_map_without_a_unit_has_the_files_or_metres_where_its_scale_leads_to_t
     assert len(notes) == (metres == 1.0) and all("taken as metres" in note for note in notes)
     np.testing.assert_allclose(matrix[:3, 3], np.array([155e3, 463e3, 10.0]) * metres)
     np.testing.assert_allclose(matrix[0, 0], 0.9996 if scale == 0.001 * 0.9996 else 1.0)
+
+
+def with_sets(model, unit_name=None, name="ePset_MapConversion", **values):
+    """Give the model's site the property sets that stand for an IfcMapConversion in IFC2X3."""
+    site = model.by_type("IfcSite")[0]
+    system = {"Name": "EPSG:25832"} | ({"MapUnit": unit_name} if unit_name else {})
+    for called, properties in ((name, values), ("ePset_ProjectedCRS", system)):
+        made = [
+            model.create_entity("IfcPropertySingleValue", Name=key, NominalValue=model.create_entity(kind, value))
+            for key, value in properties.items()
+            for kind in ["IfcLabel" if isinstance(value, str) else "IfcReal"]
+        ]
+        own = model.create_entity("IfcPropertySet", GlobalId=ifcopenshell.guid.new(), Name=called, HasProperties=made)
+        model.create_entity("IfcRelDefinesByProperties", ifcopenshell.guid.new(), None, None, None, [site], own)
+
+
+@pytest.mark.parametrize("schema", ["IFC2X3", "IFC4"])
+@pytest.mark.parametrize("name", ["ePset_MapConversion", "EPset_MapConversion"])
+@pytest.mark.parametrize("unit, unit_name, scale", [(1.0, None, 1.0), (0.001, "METRE", 0.001), (0.001, None, 0.001)])
+def test_a_property_set_says_the_same_as_a_map_conversion(schema, name, unit, unit_name, scale):
+    values = {"Eastings": 4e5, "Northings": 5.6e6, "OrthogonalHeight": 30.0, "XAxisAbscissa": -0.6,
+              "XAxisOrdinate": 0.8, "Scale": scale}  # fmt: skip
+    model = ifcopenshell.file(schema=schema)
+    model.create_entity("IfcSite", GlobalId=ifcopenshell.guid.new())
+    assert to_map(model, unit) == (None, ())
+    with_sets(model, unit_name, name, **values)
+    matrix, notes = to_map(model, unit)
+    other = ifcopenshell.file(schema="IFC4")
+    map_unit = other.create_entity("IfcSIUnit", UnitType="LENGTHUNIT", Name="METRE") if unit_name else None
+    system = other.create_entity("IfcProjectedCRS", "EPSG:25832", MapUnit=map_unit)
+    context = other.create_entity("IfcGeometricRepresentationContext")
+    other.create_entity("IfcMapConversion", context, system, **values)
+    expected, said = to_map(other, unit)
+    np.testing.assert_allclose(matrix, expected, rtol=0, atol=1e-9)
+    assert [note.replace("ePset_", "Ifc") for note in notes] == list(said)
+
+
+def test_a_latitude_alone_is_said():
+    model = ifcopenshell.file(schema="IFC2X3")
+    site = model.create_entity("IfcSite", GlobalId=ifcopenshell.guid.new())
+    site.RefLatitude, site.RefLongitude = (52, 9, 18, 0), (-5, -23, -13, -500_000)
+    matrix, (note,) = to_map(model, 1.0)
+    assert matrix is None and "latitude 52.15500, longitude -5.38708" in note and "no IfcMapConversion" in note

@@ -10,6 +10,7 @@ shape cannot be made are listed with the reason.
 
 import dataclasses
 import itertools
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,14 +21,25 @@ from warp_scanner.buildings.arrays import packed, unpacked
 from warp_scanner.buildings.ifc_bodies import keep_bodies
 from warp_scanner.buildings.ifc_grids import place_by_grids
 from warp_scanner.buildings.ifc_maps import to_map
-from warp_scanner.buildings.ifc_model import check_text, import_ifcopenshell, open_model, unit_scale
+from warp_scanner.buildings.ifc_model import check_text, identity_of, import_ifcopenshell, open_model, unit_scale
 from warp_scanner.cores import core_count
 from warp_scanner.guarded import Plain, limits_for, read_guarded
-from warp_scanner.scenes.building import AS_IT_IS, Building, Failure, Found, Part, ReadOptions, Storeys, assemble
+from warp_scanner.scenes.building import (
+    AS_IT_IS,
+    MOST_NAMED,
+    Building,
+    Failure,
+    Found,
+    Part,
+    ReadOptions,
+    Storeys,
+    assemble,
+)
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
 
 # The plain CGAL kernel loses elements without a word; this one falls back on OpenCASCADE for what CGAL cannot do.
 _KERNEL = "hybrid-cgal-simple-opencascade"
+_GLOBAL_ID = re.compile(r"[0-3][0-9A-Za-z_$]{21}")
 _CLEAR = 0.3  # transparency from which a material counts as glass
 # Own what they are put together from; a slab what is of none of the others.
 _WHOLES = (("IfcWall", "IfcColumn", "IfcDoor", "IfcWindow"), ("IfcSlab",))
@@ -145,18 +157,34 @@ def _products(model: Any) -> tuple[list[Any], tuple[str, ...]]:
 
 
 def _unique_guids(products: list[Any]) -> tuple[dict[int, str], tuple[str, ...]]:
-    """GlobalIds by STEP id, with a suffix where an earlier product has the same, and a note that names those."""
+    """What elements go by, by STEP id, and notes of what is wrong with GlobalIds.
+
+    That is their GlobalId as it is, with a suffix where an earlier product has the same, or else their number.
+    """
     guids: dict[int, str] = {}
     count, taken = Counter(), set()
     for product in products:
-        own = product.GlobalId or ""
+        own = identity_of(product)
         guid = next(g for n in itertools.count(count[own]) if (g := f"{own}_{n}" if n else own) not in taken)
         count[own] += 1
         taken.add(guid)
         guids[product.id()] = guid
+    missing = [guids[product.id()] for product in products if not product.GlobalId]
+    odd = [
+        guids[product.id()] for product in products if product.GlobalId and not _GLOBAL_ID.fullmatch(product.GlobalId)
+    ]
     repeated = [repr(own) for own, times in count.items() if times > 1]
-    told = f"more than one element has the GlobalId {', '.join(repeated)}: a suffix tells them apart"
-    return guids, (told,) if repeated else ()
+    told = (
+        (repeated, "more than one element has the GlobalId {}: a suffix tells them apart"),
+        (missing, "elements without a GlobalId go by their number in the file: {}"),
+        (odd, "elements have a GlobalId that is not of 22 characters of its alphabet, and go by it as it is: {}"),
+    )
+    return guids, tuple(words.format(_listed(which)) for which, words in told if which)
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return ", ".join(names[:MOST_NAMED]) + more
 
 
 def _part(owner: Any, shapes: list[_Shape], rows: dict[int, int], options: ReadOptions) -> Part | None:
@@ -174,7 +202,7 @@ def _part(owner: Any, shapes: list[_Shape], rows: dict[int, int], options: ReadO
         if clear.all():
             return None
         faces = faces[~clear]
-    return Part(owner.GlobalId, owner.is_a(), owner.Name or "", _storey_of(owner, rows), semantic, vertices, faces)
+    return Part(identity_of(owner), owner.is_a(), owner.Name or "", _storey_of(owner, rows), semantic, vertices, faces)
 
 
 def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[int, int]]:
@@ -188,7 +216,7 @@ def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[int, int]]:
         return float(storey.Elevation or 0.0) * scale
 
     found = sorted(((elevation(storey), storey) for storey in model.by_type("IfcBuildingStorey")), key=lambda s: s[0])
-    guids = tuple(storey.GlobalId for _, storey in found)
+    guids = tuple(identity_of(storey) for _, storey in found)
     names = tuple(storey.Name or "" for _, storey in found)
     rows = {storey.id(): row for row, (_, storey) in enumerate(found)}
     return Storeys(guids, names, np.array([z for z, _ in found])), rows

@@ -82,6 +82,11 @@ def _mend(product: Any) -> bool:
     return True
 
 
+def identity_of(entity: Any) -> str:
+    """GlobalId of an entity as the file has it; where that is missing, its number in the file: #12."""
+    return entity.GlobalId or f"#{entity.id()}"
+
+
 def unit_scale(model: Any, path: Path | str) -> float:
     """Metres per unit of length in the file.
 
