@@ -136,7 +136,8 @@ def _building(path: Path, options: ReadOptions) -> Building:
         if product.id() not in shown
     ]
     placed, assumed = to_map(model, unit)
-    project = next((str(one.GlobalId) for one in model.by_type("IfcProject") if one.GlobalId), None)
+    projects = map(identity_of, model.by_type("IfcProject"))
+    project = next((guid for guid in projects if not guid.startswith("#")), None)
     told = notes + left_out + repeated + assumed
     return assemble(str(path), parts, Found(storeys, tuple(failures), told, placed, unit=unit, project=project))
 
@@ -169,10 +170,9 @@ def _unique_guids(products: list[Any]) -> tuple[dict[int, str], tuple[str, ...]]
         count[own] += 1
         taken.add(guid)
         guids[product.id()] = guid
-    missing = [guids[product.id()] for product in products if not product.GlobalId]
-    odd = [
-        guids[product.id()] for product in products if product.GlobalId and not _GLOBAL_ID.fullmatch(product.GlobalId)
-    ]
+    missing = [guid for guid in guids.values() if guid.startswith("#")]
+    odd = [guids[product.id()] for product in products if not _GLOBAL_ID.fullmatch(identity_of(product))]
+    odd = [guid for guid in odd if guid not in missing]
     repeated = [repr(own) for own, times in count.items() if times > 1]
     told = (
         (repeated, "more than one element has the GlobalId {}: a suffix tells them apart"),

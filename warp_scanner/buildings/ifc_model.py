@@ -68,6 +68,9 @@ def open_model(path: Path) -> tuple[Any, tuple[str, ...]]:
         model = ifcopenshell.open(str(path))
     except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
         raise ValueError(f"{path}: not a readable IFC file: {' '.join(str(error).split())[:150]}") from error
+    for entity in model.by_type("IfcRoot"):
+        if not entity.GlobalId:
+            entity.GlobalId = identity_of(entity)  # the library's shape iterator never ends at one without
     mended = sum(_mend(product) for product in model.by_type("IfcProduct"))
     return model, (f"{mended} objects had `*` where the schema wants `$`; read as empty",) if mended else ()
 
