@@ -12,7 +12,7 @@
 #   seen:     {'wall': 2}
 #   with split_objects=True: {'column': 1, 'wall': 1}
 #   of the same two as GLB: {'column': 1, 'wall': 1}
-# In jaxmm: the mesh reader passes `split_objects=True`, as every element needs a verdict of its own.
+# In jaxmm: OBJ files are read by our own reader, object by object, as every element needs a verdict of its own.
 set -euo pipefail
 VERSION=${VERSION:-5.2.0}
 work=$(mktemp -d)
