@@ -18,11 +18,11 @@ from jaxmm.deviations.element_motion import Motion, Seen, motion_of
 from jaxmm.deviations.fits import CELL, CUT, Fit, cells_of, fit_of, fits_of_curved
 from jaxmm.deviations.meetings import STEEP, Meetings, groups_of, meetings_of
 from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors
-from jaxmm.deviations.shifted_columns import Shift, columns_of, part_of
+from jaxmm.deviations.shifted_columns import Shift, columns_of
 from jaxmm.deviations.tolerances import din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
 from warp_scanner.scenes.building import element_bounds
-from warp_scanner.sensors.triangles import TriangleScene, clearance
+from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare_part
 
 AXIS = np.radians(3.0)  # between a direction and what faces fix, up to which they do, or do not
 ROUND = 4  # ways that faces of a slender body look, that one place shows: no box has so many
@@ -43,17 +43,14 @@ class Deviation(NamedTuple):
     coverage: float  # share of its surface that was seen, and lies within the tolerance
     rays: int  # that end on it
     classes: dict[str, str]  # by standard
-    turned: tuple[float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-    )  # [rad] rotation vector about its middle, of what faces fix; not in report.json
-    half: float = 0.0  # half the width of the interval of `distance`; not in report.json
-    stands: float = 1.0  # share of the rays that could reach it, that end on it; not in report.json
-    scans: tuple[int, ...] = ()  # numbers of those that show it; not in report.json
-    worst: float = 0.0  # [m] 95 % of its places are so near to the model; not in report.json
-    step: tuple[float, float, float] = (0.0, 0.0, 0.0)  # offset as its pose has it, though that may be off; likewise
-    sizes: tuple[float, float] = (1.0, 1.0)  # [m] its length, and that over which it leans; not in report.json
+    # What follows is not in report.json.
+    turned: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad] rotation vector about its middle, of what faces fix
+    half: float = 0.0  # half the width of the interval of `distance`
+    stands: float = 1.0  # share of the rays that could reach it, that end on it
+    scans: tuple[int, ...] = ()  # numbers of those that show it
+    worst: float = 0.0  # [m] 95 % of its places are so near to the model
+    step: tuple[float, float, float] = (0.0, 0.0, 0.0)  # offset as its pose has it, though that may be off
+    sizes: tuple[float, float] = (1.0, 1.0)  # [m] its length, and that over which it leans
 
 
 def shifted(one: Deviation, shift: Shift) -> Deviation:
@@ -78,7 +75,8 @@ def shifted(one: Deviation, shift: Shift) -> Deviation:
     )  # fmt: skip
 
 
-PRIVATE = ("turned", "half", "stands", "scans", "worst", "step", "sizes")  # fields that are not in report.json
+# Fields that are not in report.json.
+PRIVATE = ("turned", "half", "stands", "scans", "worst", "step", "sizes")
 
 
 def is_told(one: Deviation) -> bool:
@@ -149,20 +147,22 @@ def _fits(scene: TriangleScene, met: Meetings, slender: np.ndarray) -> list[tupl
     for row in np.flatnonzero(rounds):
         body = met.of(met.element == row).thinned()
         found += [(body, fit) for fit in fits_of_curved(body)]
-    return [(group, fit) for group, fit in found if fit is not None and not _is_of_another(scene, group, fit)]
+    bounds = element_bounds(scene.triangles)
+    return [(group, fit) for group, fit in found if fit is not None and not _is_of_another(scene, bounds, group, fit)]
 
 
-def _is_of_another(scene: TriangleScene, group: Meetings, fit: Fit) -> bool:
+def _is_of_another(scene: TriangleScene, bounds: tuple[np.ndarray, np.ndarray], group: Meetings, fit: Fit) -> bool:
     """Whether the rays end on something else of the model: then the element is gone, and not off its place."""
     if abs(fit.level) < ANOTHER:
         return False
     ends = group.end[np.flatnonzero(fit.on)[:: max(1, int(fit.on.sum()) // ASKED)]].astype(np.float32)
     reach = max(ANOTHER, CUT * fit.sigma)
-    low, high = element_bounds(scene.triangles)
+    low, high = bounds
     near = np.all((high > ends.min(axis=0) - reach) & (low < ends.max(axis=0) + reach), axis=1)
     near[group.element[0]] = False
-    others = part_of(scene.triangles, near[scene.triangles.element])
-    return others is not None and float(np.median(clearance(others, ends, 2.0 * reach))) < reach
+    if not (others := near[scene.triangles.element]).any():
+        return False
+    return float(np.median(clearance(prepare_part(scene.triangles, others), ends, 2.0 * reach))) < reach
 
 
 def _deviation(
@@ -201,29 +201,21 @@ def _direction(seen: list[Seen], motion: Motion, step: np.ndarray) -> np.ndarray
 
     Of a round body it is the way it went, if that is sure, or else to where most of its faces look.
     """
-    keep = motion.keep
-    ways = [one.fit.normal for one in seen if one.fit.first and np.linalg.norm(keep @ one.fit.normal) > np.cos(AXIS)]
-    if any(not one.fit.first for one in seen):
-        looks = sum(one.rays.normal[one.fit.on].mean(axis=0) for one in seen if one.fit.first)
-        gone = step if np.linalg.norm(step) > 0.0 else looks
-        ways = [way / max(np.linalg.norm(way), 1e-12) for way in (gone * (1.0 if gone @ looks >= 0.0 else -1.0), looks)]
-    elif not ways:
-        ways = [max(seen, key=lambda one: one.fit.rays).fit.normal]
+    if all(one.fit.first for one in seen):
+        ways = [one.fit.normal for one in seen if np.linalg.norm(motion.keep @ one.fit.normal) > np.cos(AXIS)]
+        usual = max(seen, key=lambda one: one.fit.rays).fit.normal
+    else:
+        looks = sum(one.rays.normal[one.fit.on].sum(axis=0) for one in seen if one.fit.first)
+        usual = looks / np.linalg.norm(looks)
+        gone = step if step @ usual >= 0.0 else -step
+        ways = [gone / np.linalg.norm(gone)] if np.any(gone) else []
 
     def surely(way: np.ndarray) -> float:
         low, high = motion.span(way)
         return max(0.0, low, -high)
 
-    sure = [surely(way) for way in ways]
-    if max(sure) > 0.0:
-        return ways[int(np.argmax(sure))]
-    return ways[-1] if len(ways) == 2 and not all(one.fit.first for one in seen) else _most_seen(seen, ways)
-
-
-def _most_seen(seen: list[Seen], ways: list[np.ndarray]) -> np.ndarray:
-    """Of some normals, that of the face with most rays."""
-    rays = [sum(one.fit.rays for one in seen if one.fit.normal @ way > np.cos(AXIS)) for way in ways]
-    return ways[int(np.argmax(rays))]
+    best = max([usual, *ways], key=surely)  # of equals the first
+    return best if surely(best) > 0.0 else usual
 
 
 def _sizes(body: _Body, seen: list[Seen]) -> tuple[float, float]:

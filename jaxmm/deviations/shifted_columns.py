@@ -14,7 +14,7 @@ from jaxmm.rays.scan_rays import ScanRays, measured_points
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.scenes.building import Triangles, element_bounds
 from warp_scanner.scenes.scenes import DOOR, WINDOW
-from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare
+from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare_part
 
 WIDEST, LOWEST = 1.2, 1.0  # [m] edges in plan of what may be a column, at most, and its height, at least
 STEP, CLOSE = 0.02, 0.015  # [m] between shifts that are tried, and off the surface
@@ -68,18 +68,17 @@ def _shift(
     about = about[thin_clouds([about], THIN)[0]]
     near = np.all((high > low[row] - 1.0) & (low < high[row] + 1.0), axis=1)
     near[row] = False
-    others, own = part_of(triangles, near[triangles.element]), part_of(triangles, triangles.element == row)
-    if others is not None:
-        about = about[clearance(others, about, 2.0 * EXPLAINED) > EXPLAINED]
-    if own is None or len(about) < LEAST_POINTS:
+    if (near := near[triangles.element]).any():
+        about = about[clearance(prepare_part(triangles, near), about, 2.0 * EXPLAINED) > EXPLAINED]
+    if len(about) < LEAST_POINTS:
         return None
     about = about[:: -(-len(about) // MOST_POINTS)]
     line = np.arange(-most, most + STEP / 2.0, STEP)
-    tried = np.stack([*np.meshgrid(line, line, indexing="ij"), np.zeros((len(line), len(line)))], axis=-1).reshape(
-        -1, 3
-    )
+    x, y = (part.ravel() for part in np.meshgrid(line, line))
+    tried = np.column_stack([x, y, np.zeros(len(x))])
     tried = tried[np.linalg.norm(tried, axis=1) <= most]
     laid = (about[None] - tried[:, None].astype(np.float32)).reshape(-1, 3)
+    own = prepare_part(triangles, triangles.element == row)
     on = np.sum(clearance(own, laid, 2.0 * CLOSE).reshape(len(tried), -1) < CLOSE, axis=1)
     in_place = on[np.argmin(np.linalg.norm(tried, axis=1))]
     if on.max() < LEAST_SHARE * len(about) or in_place > AS_GOOD * on.max():
@@ -89,10 +88,3 @@ def _shift(
         return None
     middle = (good.min(axis=0) + good.max(axis=0)) / 2.0
     return Shift(np.array([*middle, 0.0]), np.ptp(good, axis=0) / 2.0 + STEP)
-
-
-def part_of(triangles: Triangles, chosen: np.ndarray) -> TriangleScene | None:
-    """Some of the triangles, (T,) bool; None of none."""
-    if not chosen.any():
-        return None
-    return prepare(triangles._replace(faces=triangles.faces[chosen], element=triangles.element[chosen]))

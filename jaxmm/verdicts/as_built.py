@@ -9,7 +9,6 @@ the model with every element where it stands, so that nothing is held for new, g
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from jaxmm.deviations.deviation import Deviation, deviations_of, is_told, shifted
 from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
@@ -21,7 +20,7 @@ from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import CLASSES, DetectSettings
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, UNSCANNED, Verdict
-from warp_scanner.scenes.building import Triangles, element_bounds
+from warp_scanner.scenes.building import element_bounds, move_element
 from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.triangles import prepare
 
@@ -38,6 +37,7 @@ class AsBuilt(NamedTuple):
 
     prior: Prior  # with every element where it stands
     deviations: dict[int, Deviation]  # by row of the element; of those that stand within reach of their places
+    tolerance: np.ndarray  # (E,) [m] of each element
 
     def by(self, scans: int) -> "AsBuilt":
         """What the first so many scans tell of, as all of them do."""
@@ -47,10 +47,11 @@ class AsBuilt(NamedTuple):
 def as_built(prior: Prior, rays: list[ScanRays], placed: list[Placed], settings: DetectSettings) -> AsBuilt:
     """Measure what stands where; a cloud has no elements, and the thesis's preset knows of none that moved."""
     if not prior.has_elements or settings.preset == "thesis":
-        return AsBuilt(prior, {})
+        return AsBuilt(prior, {}, np.zeros(0))
     trust = [_trust(one, settings.refine) for one in placed]
     limits = settings.deviations
-    found = deviations_of(prior.scene, rays, trust, tolerances(prior, limits))
+    tolerance = tolerances(prior, limits)
+    found = deviations_of(prior.scene, rays, trust, tolerance)
     # Farther than that it is another thing, or the same one that was moved.
     found = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= limits.most + MOST_HALF}
     moved = {row: _step(one) for row, one in found.items() if _is_off(one)}
@@ -59,13 +60,13 @@ def as_built(prior: Prior, rays: list[ScanRays], placed: list[Placed], settings:
     shifts = shifts_of(prior.scene, rays, np.array(lost, int), limits.most)
     if shifts:
         there = _with_moved(prior, moved | {row: (one.step, np.zeros(3)) for row, one in shifts.items()}, found)
-        again = deviations_of(there.scene, rays, trust, tolerances(prior, limits))
+        again = deviations_of(there.scene, rays, trust, tolerance)
         for row, shift in shifts.items():
             one = shifted(again[row], shift) if row in again and again[row].stands >= STANDS else None
             if one is not None and np.linalg.norm(one.offset) <= limits.most + MOST_HALF:
                 found[row], moved[row] = one, _step(one)
     now = _with_moved(prior, moved, found) if moved else prior
-    return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)})
+    return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)}, tolerance)
 
 
 def _is_off(one: Deviation) -> bool:
@@ -84,18 +85,15 @@ def tolerances(prior: Prior, limits: DeviationSettings) -> np.ndarray:
     return np.array([limits.of(names.get(int(one), "")) for one in prior.scene.triangles.semantic])
 
 
-def with_displaced(verdicts: list[Verdict], stands: AsBuilt, prior: Prior, settings: DetectSettings) -> list[Verdict]:
+def with_displaced(verdicts: list[Verdict], stands: AsBuilt, least_rays: int) -> list[Verdict]:
     """The verdicts, with those of elements that stand off their places, and of those that only their faces show."""
-    if not stands.deviations:
-        return verdicts
-    tolerance, found = tolerances(prior, settings.deviations), list(verdicts)
-    semantic = prior.scene.triangles.semantic
+    semantic, found = stands.prior.scene.triangles.semantic, list(verdicts)
     for row, one in stands.deviations.items():
-        verdict, enough = found[row].verdict, one.rays >= settings.verdicts.least_rays
+        verdict, enough = found[row].verdict, one.rays >= least_rays
         least = STANDS if verdict in (OCCLUDED, UNSCANNED) else WHOLLY
         if enough and one.stands >= least:
             verdict = PRESENT
-        if verdict == PRESENT and enough and one.stands >= STANDS and is_displaced(one, float(tolerance[row])):
+        if verdict == PRESENT and enough and one.stands >= STANDS and is_displaced(one, float(stands.tolerance[row])):
             ajar = semantic[row] in (DOOR, WINDOW) and (one.turn is None or abs(one.turn) > AJAR)
             verdict = PRESENT if ajar else DISPLACED
         found[row] = found[row]._replace(verdict=verdict)
@@ -127,16 +125,7 @@ def _with_moved(prior: Prior, moved: dict[int, tuple[np.ndarray, np.ndarray]], k
         own = [int(other) for other in np.flatnonzero(filling(prior.building, chosen)) if other not in known]
         steps |= dict.fromkeys(own, (row, *step))
     low, high = (bound.astype(np.float64) for bound in element_bounds(triangles))
-    vertices, faces = [triangles.vertices], triangles.faces.copy()
-    total = len(triangles.vertices)
+    now = triangles
     for row, (leader, step, turn) in steps.items():
-        own = triangles.element == row
-        used, place = np.unique(triangles.faces[own], return_inverse=True)
-        middle = (low[leader] + high[leader]) / 2.0
-        arms = triangles.vertices[used].astype(np.float64) - middle
-        # Corners may be shared with other elements: what moves gets its own.
-        vertices.append((Rotation.from_rotvec(turn).apply(arms) + middle + step).astype(np.float32))
-        faces[own] = total + place.reshape(-1, 3)
-        total += len(used)
-    now = Triangles(np.concatenate(vertices), faces, triangles.element, triangles.semantic)
+        now = move_element(now, row, step, turn, (low[leader] + high[leader]) / 2.0)
     return prior._replace(building=prior.building._replace(triangles=now), scene=prepare(now))

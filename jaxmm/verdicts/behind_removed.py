@@ -15,7 +15,7 @@ from jaxmm.rays.evidence import SUPPORT, View
 from jaxmm.rays.scan_rays import ScanRays
 from jaxmm.verdicts import standing_alone
 from jaxmm.verdicts.building_evidence import Sighting, sight
-from jaxmm.verdicts.hanging_openings import FILLINGS, scene_of
+from jaxmm.verdicts.hanging_openings import FILLINGS
 from jaxmm.verdicts.mismatch_points import inside
 from jaxmm.verdicts.mismatches import KINDS, Looked
 from jaxmm.verdicts.outdoors import indoors
@@ -26,7 +26,7 @@ from jaxmm.verdicts.verdicts import REMOVED, STANDS, Told, Verdict, VerdictSetti
 from warp_scanner.buildings.changes import of_element
 from warp_scanner.scenes.building import Building, element_bounds
 from warp_scanner.sensors.scan import Rays
-from warp_scanner.sensors.triangles import TriangleScene, cast_triangles, clearance
+from warp_scanner.sensors.triangles import TriangleScene, cast_triangles, clearance, prepare_part
 
 FRAME = 0.1  # [m] by which a door or a window may stand out of its wall, or be smaller than its opening
 HID = 2  # times as many points of an element as before, from which it is asked for again
@@ -111,7 +111,7 @@ def filling(building: Building, chosen: np.ndarray) -> np.ndarray:
     for wall in np.flatnonzero(chosen):
         one = of_element(building, int(wall))
         within = rows[inside(Box("wall", one.center, one.size, float(one.yaw)), middle, np.zeros(3))]
-        surface = scene_of(triangles, triangles.element == wall) if len(within) else None
+        surface = prepare_part(triangles, triangles.element == wall) if len(within) else None
         for row in within:
             corners = triangles.vertices[np.unique(triangles.faces[triangles.element == row])]
             found[row] |= bool(np.any(clearance(surface, corners, FRAME) < FRAME))
@@ -121,7 +121,7 @@ def filling(building: Building, chosen: np.ndarray) -> np.ndarray:
 def remains_of(prior: Prior, gone: np.ndarray) -> Prior:
     """The prior whose surface lacks some (E,) bool of the elements, not all."""
     triangles = prior.scene.triangles
-    return prior._replace(scene=scene_of(triangles, ~gone[triangles.element]))
+    return prior._replace(scene=prepare_part(triangles, ~gone[triangles.element]))
 
 
 def _asked_again(
@@ -195,7 +195,7 @@ def _standing_still(prior: Prior, gone: np.ndarray, rays: ScanRays) -> TriangleS
     chosen = gone & np.isin(triangles.semantic, FILLINGS)
     for row in np.flatnonzero(gone & ~chosen):
         chosen[row] = standing_alone.of_element(prior.scene, int(row), rays).standing >= STANDS
-    return scene_of(triangles, chosen[triangles.element]) if chosen[triangles.element].any() else None
+    return prepare_part(triangles, chosen[triangles.element]) if chosen[triangles.element].any() else None
 
 
 def _indoors(prior: Prior, points: np.ndarray, sensor: np.ndarray) -> np.ndarray:

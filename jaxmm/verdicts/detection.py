@@ -75,7 +75,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         past_gone, told = look_past_what_is_gone(prior, looked, told, judges, settings.verdicts, sure=sure)
     told = sure(told)
     watch.lap("evidence")
-    verdicts = _verdicts(prior, told, stands, settings) if prior.has_elements else None
+    verdicts = _verdicts(told, stands, settings) if prior.has_elements else None
     wanted = _of_classes(prior, verdicts, settings)
     mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
     watch.lap("objects")
@@ -176,9 +176,9 @@ def _for_sure(
     ]
 
 
-def _verdicts(prior: Prior, told: list[Told], stands: AsBuilt, settings: DetectSettings) -> list[Verdict]:
+def _verdicts(told: list[Told], stands: AsBuilt, settings: DetectSettings) -> list[Verdict]:
     """Of each element, by all that scans tell."""
-    return with_displaced(verdicts_of(told, settings.verdicts), stands, prior, settings)
+    return with_displaced(verdicts_of(told, settings.verdicts), stands, settings.verdicts.least_rays)
 
 
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:
@@ -259,9 +259,9 @@ def _records(
     for number, (one, fit) in enumerate(zip(scans, placed, strict=True)):
         changed = dict.fromkeys(VERDICTS, 0)
         if prior.has_elements:
-            now = np.array(
-                [found.verdict for found in _verdicts(prior, says[: number + 1], stands.by(number + 1), settings)]
-            )[wanted]
+            now = np.array([found.verdict for found in _verdicts(says[: number + 1], stands.by(number + 1), settings)])[
+                wanted
+            ]
             new = now[now != before]
             changed |= {name: int(np.sum(new == name)) for name in VERDICTS}
             before = now

@@ -7,9 +7,9 @@ as if what hangs were not there. E elements; metres, z up.
 import numpy as np
 
 from jaxmm.verdicts.priors import Prior
-from warp_scanner.scenes.building import Building, Triangles, element_bounds, fixed
+from warp_scanner.scenes.building import Building, element_bounds, fixed
 from warp_scanner.scenes.scenes import DOOR, FLOOR, WINDOW
-from warp_scanner.sensors.triangles import TriangleScene, prepare
+from warp_scanner.sensors.triangles import prepare_part
 
 FILLINGS = (DOOR, WINDOW)
 TOUCHES = 0.05  # [m] between what fills an opening and what it is in, at most
@@ -32,7 +32,7 @@ def without_hanging(prior: Prior, kept: list[int]) -> Prior:
     if stays.all() or not stays.any():
         return prior
     note = f"{len(rows)} doors and windows of the model are in no wall: they count as new, with what is around them"
-    return prior._replace(scene=scene_of(triangles, stays), notes=(*prior.notes, note))
+    return prior._replace(scene=prepare_part(triangles, stays), notes=(*prior.notes, note))
 
 
 def hanging(building: Building) -> np.ndarray:
@@ -53,8 +53,3 @@ def hanging(building: Building) -> np.ndarray:
         ]
         loose, last = loose[~np.array(meets)], loose[meets]
     return loose
-
-
-def scene_of(triangles: Triangles, chosen: np.ndarray) -> TriangleScene:
-    """Some of the triangles, `chosen` (T,) bool, with the numbers of their elements."""
-    return prepare(triangles._replace(faces=triangles.faces[chosen], element=triangles.element[chosen]))

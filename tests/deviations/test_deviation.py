@@ -9,7 +9,7 @@ from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
 from jaxmm.deviations.shifted_columns import columns_of, shifts_of
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
 from tests.cases.box_building import building_of
-from warp_scanner.scenes.building import Triangles, element_bounds
+from warp_scanner.scenes.building import Triangles, move_element
 from warp_scanner.scenes.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import sensor_named
@@ -33,12 +33,7 @@ def hall() -> Triangles:
 
 def moved(triangles: Triangles, row: int, step=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0)) -> Triangles:
     """One element moved about its middle: by a step [m] and a rotation vector [deg]."""
-    low, high = element_bounds(triangles)
-    own, vertices = np.unique(triangles.faces[triangles.element == row]), triangles.vertices.copy()
-    middle = (low[row] + high[row]).astype(np.float64) / 2
-    arms = vertices[own].astype(np.float64) - middle
-    vertices[own] = Rotation.from_rotvec(turn, degrees=True).apply(arms) + middle + step
-    return triangles._replace(vertices=vertices)
+    return move_element(triangles, row, np.array(step), np.radians(turn))
 
 
 def seen(triangles: Triangles, place=PLACE, noise=0.0, seed=0) -> ScanRays:

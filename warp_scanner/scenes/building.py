@@ -218,6 +218,30 @@ def fixed(triangles: Triangles) -> np.ndarray:
     return ~np.isin(triangles.semantic, _MOVABLE)
 
 
+def move_element(
+    triangles: Triangles, row: int, step: np.ndarray, turn: np.ndarray, about: np.ndarray | None = None
+) -> Triangles:
+    """The triangles with one element moved; corners that others share with it stay theirs.
+
+    Args:
+        triangles: of all elements.
+        row: of the element.
+        step: (3,) [m].
+        turn: (3,) [rad] rotation vector.
+        about: (3,) [m] what it turns about; None: the middle of what it fills.
+    """
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    own = triangles.element == row
+    used, place = np.unique(triangles.faces[own], return_inverse=True)
+    corners = triangles.vertices[used].astype(np.float64)
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0 if about is None else about
+    corners = Rotation.from_rotvec(turn).apply(corners - middle) + middle + step
+    faces = triangles.faces.copy()
+    faces[own] = len(triangles.vertices) + place.reshape(-1, 3)
+    return triangles._replace(vertices=np.concatenate([triangles.vertices, corners.astype(np.float32)]), faces=faces)
+
+
 def join(first: Triangles, second: Triangles) -> Triangles:
     """Two sets of triangles in one; the elements of the second come after those of the first."""
     return Triangles(

@@ -48,6 +48,11 @@ def prepare(triangles: Triangles) -> TriangleScene:
     return TriangleScene(triangles, mesh)
 
 
+def prepare_part(triangles: Triangles, chosen: np.ndarray) -> TriangleScene:
+    """Some of the triangles, `chosen` (T,) bool, at least one, with the numbers of their elements."""
+    return prepare(triangles._replace(faces=triangles.faces[chosen], element=triangles.element[chosen]))
+
+
 def cast_triangles(
     scene: TriangleScene, rays: Rays, present: np.ndarray | None = None, threads: int | None = None
 ) -> Scan:
