@@ -4,10 +4,10 @@ G fitted faces of one scan. World axes: metres, radians. A correction is a shift
 sensor, which moves the points of the scan.
 
 Most of what is built stands where it is drawn, and something stands anywhere: the faces vote for a pose with weights
-that fall with how far off they then are (Cauchy), as control that leaves drift out of as-built places does (Bassier
-and Vergauwen 2020, "Unsupervised reconstruction of BIM wall objects from point cloud data", and their drift-invariant
-metric quality control). One wall that moved does not drag the rest. Where two poses explain as much, as between two
-walls of which one moved, both stay, and intervals hold both.
+that fall with how far off they then are (Cauchy), so one wall that moved does not drag the rest, and drift is not laid
+at the elements' door (as Bassier, Vincke, De Winter and Vergauwen 2020, "Drift invariant metric quality control of
+construction sites using BIM and point cloud data", ISPRS Int. J. Geo-Inf. 9(9), 545). Where two poses explain as much,
+as between two walls of which one moved, both stay, and intervals hold both.
 """
 
 from typing import NamedTuple

@@ -1,7 +1,8 @@
 """How far off its place an element may stand: settings, and the classes of two standards.
 
-USIBD Level of Accuracy (Document C120, "Level of Accuracy Specification", version 3.0, 2019): the 95 % deviation of
-what was measured; LOA10 from 0.15 m to 0.05 m, LOA20 to 0.015 m, LOA30 to 0.005 m, LOA40 to 0.001 m, LOA50 below.
+USIBD Level of Accuracy (Document C120, "Level of Accuracy Specification Guide", version 3.0, 2019): the 95 % deviation
+of what was measured; LOA10 down to 0.05 m, LOA20 to 0.015 m, LOA30 to 0.005 m, LOA40 to 0.001 m, LOA50 below. Where
+LOA10 ends is for its user to say, so it has no end here.
 DIN 18202:2019, "Tolerances in building construction": limits of sizes in plan and of heights (Table 1), and of angles,
 as the offset over a length (Table 2).
 """
@@ -10,8 +11,7 @@ import dataclasses
 
 from jaxmm.config import bounded
 
-LOA = ((0.001, "LOA50"), (0.005, "LOA40"), (0.015, "LOA30"), (0.05, "LOA20"), (0.15, "LOA10"))
-COARSER = "below LOA10"
+LOA = ((0.001, "LOA50"), (0.005, "LOA40"), (0.015, "LOA30"), (0.05, "LOA20"), (float("inf"), "LOA10"))
 # Nominal size up to [m], and the limit [m].
 SIZES = ((1.0, 0.010), (3.0, 0.012), (6.0, 0.016), (15.0, 0.020), (30.0, 0.024), (float("inf"), 0.030))
 ANGLES = (
@@ -40,7 +40,7 @@ class DeviationSettings:
 
 def loa_of(distance: float) -> str:
     """The Level of Accuracy that a deviation [m] is still within."""
-    return next((name for most, name in LOA if abs(distance) <= most), COARSER)
+    return next(name for most, name in LOA if abs(distance) <= most)
 
 
 def din_of(off: float, half: float, size: float, lean: float | None, height: float) -> str:
