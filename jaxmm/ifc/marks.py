@@ -45,11 +45,7 @@ def set_uncertainty(draft: Draft, element: Any, width: Measure, words: str) -> b
     """
     if draft.model.schema != "IFC4X3":
         return False
-    basis = draft.create(
-        "IfcPropertyEnumeratedValue",
-        Name="UncertaintyBasis", EnumerationValues=[draft.create("IfcLabel", MEASUREMENT)],
-        EnumerationReference=_enumeration(draft, _BASIS_ENUMERATION, _BASES, MEASUREMENT),
-    )  # fmt: skip
+    basis = _enumerated(draft, "UncertaintyBasis", MEASUREMENT, (_BASIS_ENUMERATION, _BASES))
     told = {"UncertaintyDescription": words, "LinearUncertainty": width}
     properties = [basis, *(_property(draft, name, value) for name, value in told.items())]
     _set_properties(draft, element, UNCERTAINTY_SET, properties, keep=True)
@@ -65,13 +61,18 @@ def set_status(draft: Draft, element: Any, status: str) -> bool:
     name = next((pset for kind, pset in COMMON_SETS.items() if element.is_a(kind)), None)
     if name is None or draft.model.schema == "IFC2X3":
         return False
-    value = draft.create(
-        "IfcPropertyEnumeratedValue",
-        Name="Status", EnumerationValues=[draft.create("IfcLabel", status)],
-        EnumerationReference=_enumeration(draft, _ENUMERATION, _STATUSES, status),
-    )  # fmt: skip
+    value = _enumerated(draft, "Status", status, (_ENUMERATION, _STATUSES))
     _set_properties(draft, element, name, [value], keep=True)
     return True
+
+
+def _enumerated(draft: Draft, name: str, value: str, among: tuple[str, tuple[str, ...]]) -> Any:
+    """A property whose value is one of an enumeration's, by its name and values."""
+    return draft.create(
+        "IfcPropertyEnumeratedValue",
+        Name=name, EnumerationValues=[draft.create("IfcLabel", value)],
+        EnumerationReference=_enumeration(draft, *among, value),
+    )  # fmt: skip
 
 
 def _set_properties(draft: Draft, element: Any, name: str, properties: list[Any], keep: bool) -> None:
