@@ -115,8 +115,7 @@ def _solved(
     gains = {scan: own @ how for scan, how in arms_of.items()}
     spread = own.copy()
     for scan, gain in gains.items():
-        pose = poses[scan][0].without([one.fit for one in seen if one.scan == scan], sensors[scan])
-        spread += gain @ pose @ gain.T
+        spread += gain @ _without(seen, scan, poses, sensors) @ gain.T
     return own @ right, spread, gains
 
 
@@ -124,12 +123,17 @@ def _are_at_odds(
     seen: list[Seen], step: np.ndarray, poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray
 ) -> bool:
     """Whether some face lies where no error of its rays and pose explains it, if the element moved by a step."""
+    loose = {scan: _without(seen, scan, poses, sensors) for scan in {one.scan for one in seen}}
     for one in seen:
         pose = poses[one.scan][0]
         off, arms = rows_of(one.fit, sensors[one.scan])
         left = off + arms @ pose.correction - rows_of(one.fit, middle)[1] @ step
-        loose = pose.without([each.fit for each in seen if each.scan == one.scan], sensors[one.scan])
-        sigma = np.sqrt(scatter(one.fit, pose.place)[0] ** 2 + arms[0] @ loose @ arms[0])
+        sigma = np.sqrt(scatter(one.fit, pose.place)[0] ** 2 + arms[0] @ loose[one.scan] @ arms[0])
         if abs(left[0]) > AT_ODDS * sigma:
             return True
     return False
+
+
+def _without(seen: list[Seen], scan: int, poses: list[list[PoseError]], sensors: list[np.ndarray]) -> np.ndarray:
+    """Covariance (6, 6) of a scan's pose by all faces but those that are seen of the element."""
+    return poses[scan][0].without([one.fit for one in seen if one.scan == scan], sensors[scan])
