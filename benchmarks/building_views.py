@@ -5,7 +5,7 @@ And the building files themselves: those of a folder, or one of a generated room
 
 import argparse
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,12 @@ from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.verdicts.priors import Prior, read_prior
 from jaxmm.weights import DEFAULT
+from warp_scanner import draws
+from warp_scanner.buildings.positions import draw_positions
 from warp_scanner.buildings.room_ifc import write_room
 from warp_scanner.clouds.points import points_of
 from warp_scanner.cores import worker_pool
+from warp_scanner.rooms.standing import Standing
 from warp_scanner.sensors.imperfections import imperfect
 from warp_scanner.sensors.poses import Pose, rotation_of
 from warp_scanner.sensors.sense import rays_of
@@ -71,6 +74,16 @@ def tell_views(teller: Teller, asked: argparse.Namespace) -> None:
 def kept_views(out: Path, sensor: str, seed: int) -> list[dict[str, Any]]:
     """What was told of all files by one sensor."""
     return [one for path in sorted(out.glob(f"*_{sensor}_{seed}.json")) for one in load_json(path)["views"]]
+
+
+def building_places(folder: Path, count: int, seed: int) -> Iterator[tuple[Prior, Pose, int]]:
+    """Each IFC file in a folder with up to `count` places (R = 1) inside of it, and the numbers of these draws."""
+    for path in sorted(folder.glob("*.ifc")):
+        prior = read_prior(path)
+        keys = draws.keys(seed, np.arange(3 * count))
+        pose, found = draw_positions(prior.building, prior.scene, Standing(height=(1.0, 1.8)), keys)
+        for number in np.flatnonzero(found)[:count].tolist():
+            yield prior, Pose(*(field[number : number + 1] for field in pose)), number
 
 
 def scanned(

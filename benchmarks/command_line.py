@@ -42,6 +42,13 @@ class CommandLine(argparse.ArgumentParser):
         atexit.register(folder.cleanup)
         return Path(folder.name)
 
+    def add_places(self, seed: int) -> None:
+        """--ifc FOLDER, --rooms N, --seed N and --json FILE, of views in generated rooms and in IFC files."""
+        self.add_argument("--ifc", type=Path, metavar="FOLDER", help="also from places in the IFC files of a folder")
+        self.add_argument("--rooms", type=int, metavar="N", help="of each kind, and places of each file")
+        self.add_argument("--seed", type=int, default=seed, metavar="N")
+        self.add_json()
+
     def add_json(self) -> None:
         """--json FILE."""
         self.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to this file")

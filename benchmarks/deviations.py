@@ -11,19 +11,18 @@ model (cloud to mesh), of the points whose nearest surface is the element's, and
 points of the element's own faces; both are of points within 0.4 m. Prints Markdown.
 """
 
+import argparse
 import logging
 import math
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from benchmarks import peers
-from benchmarks.building_views import scanned
+from benchmarks.building_views import building_places, scanned
 from benchmarks.command_line import CommandLine
 from benchmarks.poses import disturbed
 from benchmarks.timing import write_report
@@ -34,15 +33,12 @@ from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.runs.room_scans import room_cases
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
-from jaxmm.verdicts.priors import Prior, read_prior
+from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
-from warp_scanner import draws
 from warp_scanner.buildings.changes import of_element
-from warp_scanner.buildings.positions import draw_positions
-from warp_scanner.rooms.standing import Standing
-from warp_scanner.scenes.building import Triangles, element_bounds, join
+from warp_scanner.scenes.building import Triangles, join, move_element
 from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
 from warp_scanner.sensors.poses import Pose
 from warp_scanner.sensors.scan import Rays
@@ -59,6 +55,11 @@ LEAST_SEEN = 0.002  # share of the rays that would meet an element, for it to be
 SHIFT, TURN = (0.005, 0.3), (0.2, 3.0)  # [m], [deg]
 BOXES = 8  # that stand about as furniture
 FAR = 0.4  # [m] up to which peers look
+COLUMNS = (
+    "view", "views", "refused", "doubted", "moved", "measured", "median error [mm]", "of what stands still [mm]",
+    "held", "median half interval [mm]", "C2M [mm]", "M3C2 [mm]", "moved, told removed or hidden",
+    "still, told displaced", "false new", "false removed",
+)  # fmt: skip
 
 
 class Case(NamedTuple):
@@ -70,7 +71,7 @@ class Case(NamedTuple):
     turned: set[int]  # rows that were turned, or lean
 
 
-def cases_of(prior: Prior, sensor: str, pose: Pose, furnished: bool, key: tuple[int, int]) -> Case | None:
+def case_of(prior: Prior, sensor: str, pose: Pose, furnished: bool, key: tuple[int, int]) -> Case | None:
     """One view; None where it shows no wall or column."""
     rng = np.random.default_rng(key)
     rays = rays_of(sensor_named(sensor), pose)
@@ -86,7 +87,7 @@ def cases_of(prior: Prior, sensor: str, pose: Pose, furnished: bool, key: tuple[
         steps[int(row)] = step
         if np.any(turn):
             turned.add(int(row))
-        triangles = _moved(triangles, int(row), step, turn)
+        triangles = move_element(triangles, int(row), step, turn)
     if furnished:
         triangles = join(triangles, _furniture(prior, rays, rng))
     scan, _ = scanned(prepare(triangles), np.ones(len(triangles.semantic), bool), (sensor_named(sensor), pose), key)
@@ -110,24 +111,10 @@ def _motion(prior: Prior, row: int, rng: np.random.Generator) -> tuple[np.ndarra
     return np.zeros(3), way * angle
 
 
-def _moved(triangles: Triangles, row: int, step: np.ndarray, turn: np.ndarray) -> Triangles:
-    """Triangles with one element moved about its middle."""
-    low, high = element_bounds(triangles)
-    middle = (low[row] + high[row]).astype(np.float64) / 2.0
-    own = np.unique(triangles.faces[triangles.element == row])
-    vertices = triangles.vertices.copy()
-    arms = vertices[own].astype(np.float64) - middle
-    vertices[own] = Rotation.from_rotvec(turn).apply(arms) + middle + step
-    return triangles._replace(vertices=vertices)
-
-
 def _furniture(prior: Prior, rays: Rays, rng: np.random.Generator) -> Triangles:
     """Boxes that stand before walls, up to 0.3 m from them."""
-    corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
-    face = np.array([
-        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (1, 5, 7), (1, 7, 3),
-        (0, 2, 6), (0, 6, 4),
-    ])  # fmt: skip
+    import trimesh  # slow to import
+
     found = []
     origin = rays.origin[0].astype(np.float64)
     for turn in rng.uniform(0.0, 2.0 * np.pi, BOXES):
@@ -138,30 +125,35 @@ def _furniture(prior: Prior, rays: Rays, rng: np.random.Generator) -> Triangles:
         reach[0] -= size[0] / 2.0 + rng.uniform(0.02, 0.3)
         if not np.isfinite(reach).all() or reach[0] < 1.2:
             continue
-        turned = Rotation.from_rotvec([0.0, 0.0, turn]).apply(corner * size)
-        place = origin + way * reach[0] - [0.0, 0.0, reach[1]]
-        found.append((turned + place).astype(np.float32))
-    count = len(found)
-    vertices = np.concatenate(found) if found else np.zeros((0, 3), np.float32)
-    faces = np.concatenate([face + 8 * one for one in range(count)]) if found else np.zeros((0, 3), np.int64)
-    element = np.repeat(np.arange(count), len(face)).astype(np.int32)
-    return Triangles(vertices, faces.astype(np.int32), element, np.full(count, OTHER, np.uint8))
+        box = trimesh.creation.box(size, trimesh.transformations.rotation_matrix(turn, [0.0, 0.0, 1.0]))
+        box.apply_translation(origin + way * reach[0] - [0.0, 0.0, reach[1] - size[2] / 2.0])
+        found.append(box)
+    whole = trimesh.util.concatenate(found) if found else trimesh.Trimesh()
+    element = np.repeat(np.arange(len(found)), [len(box.faces) for box in found]).astype(np.int32)
+    vertices, faces = np.asarray(whole.vertices, np.float32), np.asarray(whole.faces, np.int32)
+    return Triangles(vertices.reshape(-1, 3), faces.reshape(-1, 3), element, np.full(len(found), OTHER, np.uint8))
 
 
-def room_models(sensor: str, count: int, seed: int) -> Iterator[tuple[Prior, Pose]]:
-    """Of generated rooms."""
-    for case in room_cases("unchanged", "clean", seed, range(count), sensor=sensor):
-        yield case.prior, Pose(*(field[case.row : case.row + 1] for field in case.pairs.pose))
+def models_of(asked: argparse.Namespace, sensor: str) -> Iterator[tuple[str, list[tuple[Prior, Pose]]]]:
+    """What rooms, and IFC files, hold, and where a sensor stands in them."""
+    rooms = room_cases("unchanged", "clean", asked.seed, range(asked.rooms), sensor=sensor)
+    yield "rooms", [(one.prior, Pose(*(field[one.row : one.row + 1] for field in one.pairs.pose))) for one in rooms]
+    if asked.ifc:
+        yield "IFC files", [place[:2] for place in building_places(asked.ifc, asked.rooms, asked.seed)]
 
 
-def building_models(folder: Path, count: int, seed: int) -> Iterator[tuple[Prior, Pose]]:
-    """Of every IFC file in a folder."""
-    for path in sorted(folder.glob("*.ifc")):
-        prior = read_prior(path)
-        keys = draws.keys(seed, np.arange(3 * count))
-        pose, found = draw_positions(prior.building, prior.scene, Standing(height=(1.0, 1.8)), keys)
-        for number in np.flatnonzero(found)[:count]:
-            yield prior, Pose(*(field[number : number + 1] for field in pose))
+def views_of(asked: argparse.Namespace) -> Iterator[tuple[str, list[Case], tuple[float, float, float]]]:
+    """Every kind of view by name, with its cases, and how far off their poses are."""
+    for sensor in asked.sensors:
+        for where, models in models_of(asked, sensor):
+            for furnished in (False, True):
+                made = (
+                    case_of(prior, sensor, pose, furnished, (asked.seed, number))
+                    for number, (prior, pose) in enumerate(models)
+                )
+                cases = [one for one in made if one is not None]
+                for name, most in POSES.items():
+                    yield f"{where}, {sensor}, {'furniture' if furnished else 'clean'}, pose {name}", cases, most
 
 
 def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: np.random.Generator) -> dict[str, Any]:
@@ -265,37 +257,18 @@ def row_of(case: str, told: list[dict[str, Any]]) -> dict[str, Any]:
 
 def main() -> None:
     parser = CommandLine(__doc__, FULL, SMOKE)
-    parser.add_argument("--ifc", type=Path, metavar="FOLDER", help="also places in the IFC files of a folder")
-    parser.add_argument("--rooms", type=int, metavar="N", help="and places of each file")
-    parser.add_argument("--seed", type=int, default=SEED, metavar="N")
-    parser.add_json()
+    parser.add_places(SEED)
     asked = parser.parse_args()
     if why := peers.why_missing("py4dgeo"):
         print(why, file=sys.stderr)
+    print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}")
     judges, rows = read_judges(DEFAULT), []
-    columns = ("views", "refused", "doubted", "moved", "measured", "median error [mm]", "of what stands still [mm]",
-               "held", "median half interval [mm]", "C2M [mm]", "M3C2 [mm]", "moved, told removed or hidden",
-               "still, told displaced", "false new", "false removed")  # fmt: skip
-    print(f"| view | {' | '.join(columns)} |\n|{' --- |' * (len(columns) + 1)}")
-    for sensor in asked.sensors:
-        models = {"rooms": list(room_models(sensor, asked.rooms, asked.seed))}
-        if asked.ifc:
-            models["IFC files"] = list(building_models(asked.ifc, asked.rooms, asked.seed))
-        for where, views in models.items():
-            for furnished in (False, True):
-                cases = [
-                    cases_of(prior, sensor, pose, furnished, (asked.seed, number))
-                    for number, (prior, pose) in enumerate(views)
-                ]
-                cases = [one for one in cases if one is not None]
-                for name, most in POSES.items():
-                    rng = np.random.default_rng(asked.seed)
-                    told = [told_of(case, judges, most, rng) for case in cases]
-                    label = f"{where}, {sensor}, {'furniture' if furnished else 'clean'}, pose {name}"
-                    row = row_of(label, told)
-                    print(_line(row), flush=True)
-                    if row["measured"] and math.isfinite(row["C2M"]):
-                        rows.append(_told_row(row))
+    for name, cases, most in views_of(asked):
+        rng = np.random.default_rng(asked.seed)
+        row = row_of(name, [told_of(case, judges, most, rng) for case in cases])
+        print(_line(row), flush=True)
+        if row["measured"] and math.isfinite(row["C2M"]):
+            rows.append(_told_row(row))
     if asked.json:
         write_report(asked.json, rows)
 

@@ -18,7 +18,7 @@ import numpy as np
 import small_gicp
 from scipy.spatial.transform import Rotation
 
-from benchmarks.building_views import scanned
+from benchmarks.building_views import building_places, scanned
 from benchmarks.command_line import CommandLine
 from benchmarks.timing import write_report
 from jaxmm.inputs import InputError
@@ -26,12 +26,8 @@ from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.runs.room_scans import room_cases
 from jaxmm.verdicts.building_evidence import surfaces_along
 from jaxmm.verdicts.named_scans import NamedScan, placed_scan, settled_scan
-from jaxmm.verdicts.priors import Prior, read_prior
+from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import DetectSettings
-from warp_scanner import draws
-from warp_scanner.buildings.positions import draw_positions
-from warp_scanner.rooms.standing import Standing
-from warp_scanner.sensors.poses import Pose
 from warp_scanner.sensors.sensors import sensor_named
 
 SEED = 42  # of validation
@@ -63,17 +59,11 @@ def room_views(sensor: str, scene: str, count: int, seed: int) -> Iterator[View]
 
 def building_views(folder: Path, sensor: str, count: int, seed: int) -> Iterator[View]:
     """Of every IFC file in a folder, from places inside of it."""
-    for path in sorted(folder.glob("*.ifc")):
-        prior = read_prior(path)
-        pose, found = draw_positions(
-            prior.building, prior.scene, Standing(height=(1.0, 1.8)), draws.keys(seed, np.arange(3 * count))
-        )
+    for prior, pose, number in building_places(folder, count, seed):
         present = np.ones(len(prior.building.elements.guid), bool)
-        for number in np.flatnonzero(found)[:count]:
-            one = Pose(*(field[number : number + 1] for field in pose))
-            scan, _ = scanned(prior.scene, present, (sensor_named(sensor), one), (seed, int(number)))
-            if len(scan.points) >= LEAST_POINTS:  # some look out of a building, at nothing
-                yield View(prior, scan)
+        scan, _ = scanned(prior.scene, present, (sensor_named(sensor), pose), (seed, number))
+        if len(scan.points) >= LEAST_POINTS:  # some look out of a building, at nothing
+            yield View(prior, scan)
 
 
 def disturbed(scan: PosedScan, most: tuple[float, float, float], rng: np.random.Generator) -> PosedScan:
@@ -142,10 +132,7 @@ def row_of(case: str, views: list[View], most: tuple[float, float, float], seed:
 
 def main() -> None:
     parser = CommandLine(__doc__, FULL, SMOKE)
-    parser.add_argument("--ifc", type=Path, metavar="FOLDER", help="also from places in the IFC files of a folder")
-    parser.add_argument("--rooms", type=int, metavar="N", help="of each scene, and places of each file")
-    parser.add_argument("--seed", type=int, default=SEED, metavar="N")
-    parser.add_json()
+    parser.add_places(SEED)
     asked = parser.parse_args()
     cases = {
         f"rooms, {scene}, {sensor}": list(room_views(sensor, scene, asked.rooms, asked.seed))
