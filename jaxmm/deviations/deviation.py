@@ -52,6 +52,16 @@ class Deviation(NamedTuple):
     step: tuple[float, float, float] = (0.0, 0.0, 0.0)  # offset as its pose has it, though that may be off
     sizes: tuple[float, float] = (1.0, 1.0)  # [m] its length, and that over which it leans
 
+    @property
+    def most(self) -> float:
+        """[m] by which its middle is off, or a twentieth of what was seen of it, as it is turned or leans."""
+        return max(abs(self.distance), self.worst)
+
+    @property
+    def surely(self) -> float:
+        """[m] by which it is off at least; 0 where its interval holds its place."""
+        return max(0.0, self.most - self.half)
+
 
 def shifted(one: Deviation, shift: Shift) -> Deviation:
     """The deviation of a column that was found beside its place, from what it is off there."""

@@ -17,7 +17,6 @@ from jaxmm.reports.deviation_words import (
     kind_of_class,
     millimetres,
     place_in_words,
-    surely_off,
 )
 from jaxmm.reports.markdown import number
 from jaxmm.reports.snapshots import best_scan, camera_at
@@ -42,8 +41,8 @@ def displaced_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
         scan = best_scan(detection, box)
         words = place_in_words(one._replace(name=one_line(one.name), guid=one_line(one.guid)))
         lines = [words, *doubts, *_facts(one), f"Seen best by the scan {one_line(detection.scans[scan].file)}."]
-        sure = surely_off(one.deviation)
-        off = millimetres(abs(one.deviation.distance), one.deviation.half)
+        sure = one.deviation.surely
+        off = millimetres(one.deviation.most, one.deviation.half)
         topics.append(Topic(
             str(uuid.uuid5(family, f"{DISPLACED}/{one_line(one.guid)}/{seen[one.guid]}")), words.removesuffix("."),
             "\n".join(lines), (DISPLACED,), next((name for name, least in PRIORITY_FROM if sure >= least), "Low"), (),

@@ -39,7 +39,7 @@ def measured(elements: Iterable[ElementVerdict]) -> list[ElementVerdict]:
     """Those whose place was measured, the worst first: displaced ones, then by how far they are surely off."""
 
     def rank(one: ElementVerdict) -> tuple[float, ...]:
-        keys = (surely_off(one.deviation), abs(one.deviation.distance))
+        keys = (one.deviation.surely, one.deviation.most)
         return one.verdict != DISPLACED, *(-key if math.isfinite(key) else math.inf for key in keys)
 
     return sorted((one for one in elements if one.deviation is not None), key=rank)
@@ -48,11 +48,6 @@ def measured(elements: Iterable[ElementVerdict]) -> list[ElementVerdict]:
 def displaced(elements: Iterable[ElementVerdict]) -> list[ElementVerdict]:
     """Those that stand off their places, the worst first."""
     return [one for one in measured(elements) if one.verdict == DISPLACED]
-
-
-def surely_off(one: Deviation) -> float:
-    """How far off its place it stands at least [m]; 0 where its interval holds its place."""
-    return max(0.0, abs(one.distance) - one.half)
 
 
 def span_of(one: Deviation) -> tuple[float, float]:
@@ -105,6 +100,18 @@ def _part(size: float, half: float, way: np.ndarray) -> str:
     return f"{middle} mm ({low} to {high}) {way_of(way)}"
 
 
+def turn_in_words(one: Deviation) -> str:
+    """How it is turned or leans, and how far off its ends are for that; nothing where its middle is as far off."""
+    if not one.worst - one.half > abs(one.distance) + LEAST_SECOND:
+        return ""
+    turn, lean = (0.0 if value is None or not math.isfinite(value) else value for value in (one.turn, one.lean))
+    ways = [f"turned by {abs(turn):.1f}° {'counter-clockwise' if turn > 0.0 else 'clockwise'}"]
+    how = " and ".join(
+        way for way, size in zip((*ways, f"leaning by {abs(lean):.1f}°"), (turn, lean), strict=True) if abs(size) > 0.1
+    )
+    return f", {how or 'bent'}: {millimetres(one.worst, one.half)} mm off at its ends"
+
+
 def place_in_words(one: ElementVerdict) -> str:
     """A sentence on an element that was measured: "The wall 'W-102' stands 23 mm (21 to 25) to the east of its place".
 
@@ -117,13 +124,15 @@ def place_in_words(one: ElementVerdict) -> str:
             break
     else:
         offset += " of its place" if " to the " in offset.rpartition(")")[2] else " from its place"
-    return f"The {kind_of_class(one.ifc_class)} {(one.name or one.guid)!r} stands {offset}."
+    return (
+        f"The {kind_of_class(one.ifc_class)} {(one.name or one.guid)!r} stands {offset}{turn_in_words(one.deviation)}."
+    )
 
 
 def summary_of(elements: Iterable[ElementVerdict]) -> str:
     """How many elements were measured, and how near to their places they stand; nothing where none was."""
     told, count = measured(elements := tuple(elements)), len(elements)
-    off = np.abs([one.deviation.distance for one in told if math.isfinite(one.deviation.distance)])
+    off = np.array([one.deviation.most for one in told if math.isfinite(one.deviation.most)])
     if not len(off):
         return ""
     half, most = (millimetres(float(np.quantile(off, share))) for share in (0.5, 0.95))

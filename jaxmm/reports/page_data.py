@@ -94,10 +94,11 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
 def _deviation(one: ElementVerdict) -> dict[str, Any] | None:
     """What the page needs of an element's deviation beside what the report says [m]; None where it was not measured."""
     told = one.deviation
-    if told is None or not np.isfinite([*told.offset, told.distance, told.half]).all():
+    if told is None or not np.isfinite([*told.offset, told.distance, told.most, told.half]).all():
         return None
     return {
-        "offset": [float(value) for value in told.offset], "distance": told.distance, "half": told.half,
+        "offset": [float(value) for value in told.offset], "distance": told.distance, "most": told.most,
+        "half": told.half,
         "words": offset_in_words(told), "sentence": printable(place_in_words(one)),
     }  # fmt: skip
 

@@ -93,16 +93,11 @@ def with_displaced(verdicts: list[Verdict], stands: AsBuilt, least_rays: int) ->
         least = STANDS if verdict in (OCCLUDED, UNSCANNED) else WHOLLY
         if enough and one.stands >= least:
             verdict = PRESENT
-        if verdict == PRESENT and enough and one.stands >= STANDS and is_displaced(one, float(stands.tolerance[row])):
+        if verdict == PRESENT and enough and one.stands >= STANDS and one.surely > stands.tolerance[row]:
             ajar = semantic[row] in (DOOR, WINDOW) and (one.turn is None or abs(one.turn) > AJAR)
             verdict = PRESENT if ajar else DISPLACED
         found[row] = found[row]._replace(verdict=verdict)
     return found
-
-
-def is_displaced(one: Deviation, tolerance: float) -> bool:
-    """Whether its middle, or a tenth of it and more as it turned or leans, is surely off by more than that [m]."""
-    return max(abs(one.distance), one.worst) - one.half > tolerance
 
 
 def _trust(one: Placed, refine: bool) -> str:

@@ -13,6 +13,7 @@ from jaxmm.reports.deviation_words import (
     offset_in_words,
     place_in_words,
     summary_of,
+    turn_in_words,
     way_of,
 )
 from jaxmm.reports.markdown import as_markdown, escaped
@@ -49,6 +50,23 @@ def element(told, ifc_class="IfcWall", name="W-102", verdict="displaced"):
 )
 def test_a_sentence_says_which_by_how_much_which_way_and_how_surely(told, words):
     assert place_in_words(element(told)) == words
+
+
+@pytest.mark.parametrize(
+    "turn, lean, words",
+    [
+        (1.5, 0.02, ", turned by 1.5° counter-clockwise: 52 mm off at its ends."),
+        (-0.4, 0.7, ", turned by 0.4° clockwise and leaning by 0.7°: 52 mm off at its ends."),
+        (None, 0.7, ", leaning by 0.7°: 52 mm off at its ends."),
+        (0.0, None, ", bent: 52 mm off at its ends."),
+    ],
+)
+def test_what_is_turned_is_told_by_its_ends_and_ranked_by_them(turn, lean, words):
+    one = deviation(0.001, worst=0.052)._replace(turn=turn, lean=lean)
+    assert place_in_words(element(one)).endswith(words) and one.surely == pytest.approx(0.05)
+    ranked = measured([element(deviation(0.03), name="shifted"), element(one, name="turned")])
+    assert [each.name for each in ranked] == ["turned", "shifted"]
+    assert turn_in_words(one._replace(worst=0.006)) == ""
 
 
 def test_what_is_seen_from_two_sides_is_told_along_both():

@@ -45,10 +45,10 @@ def evaluated(expression: str):
 def test_counts_are_those_of_the_intervals():
     rng = np.random.default_rng(0)
     rows = [
-        None if rng.random() < 0.2 else {"distance": rng.normal(0, 0.03), "half": rng.uniform(0, 0.02)}
+        None if rng.random() < 0.2 else {"most": abs(rng.normal(0, 0.03)), "half": rng.uniform(0, 0.02)}
         for _ in range(300)
     ]
-    known = [(abs(one["distance"]), one["half"]) for one in rows if one]
+    known = [(one["most"], one["half"]) for one in rows if one]
     for tolerance in (0.0, 0.01, 0.03, 0.2):
         told = evaluated(f"offCounts({json.dumps(rows)}, {tolerance})")
         beyond = sum(size - half > tolerance for size, half in known)

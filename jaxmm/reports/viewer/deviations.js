@@ -6,14 +6,14 @@ const LONGEST_ARROW = 1.5; // [m]
 const OFF_STEPS = [0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5]; // [m] that a scale may end at
 
 /** How far off its place an element is at least [m], and whether that is beyond a tolerance [m]. */
-const surelyOff = (one) => Math.max(0, Math.abs(one.distance) - one.half);
+const surelyOff = (one) => Math.max(0, one.most - one.half);
 const isBeyond = (one, tolerance) => surelyOff(one) > tolerance;
 
 /** Of measured elements (others are null): how many are surely beyond a tolerance [m], and of how many that is open. */
 function offCounts(rows, tolerance) {
   const measured = rows.filter((one) => one !== null);
   const beyond = measured.filter((one) => isBeyond(one, tolerance)).length;
-  const reach = measured.filter((one) => Math.abs(one.distance) + one.half > tolerance).length;
+  const reach = measured.filter((one) => one.most + one.half > tolerance).length;
   return { measured: measured.length, beyond, open: reach - beyond };
 }
 
