@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.rays.hits import hits_of
 from jaxmm.rays.scan_rays import ScanRays
-from warp_scanner.sensors.scan import Rays
-from warp_scanner.sensors.triangles import TriangleScene, cast_faces, face_normals
+from warp_scanner.sensors.triangles import TriangleScene
 
 MOST_OFF = 0.45  # [m] off a face, beyond which a ray does not tell where it stands
 LEAST_COSINE = 0.15  # of the incidence: flatter rays end anywhere
@@ -49,20 +49,17 @@ class Meetings(NamedTuple):
 def meetings_of(scene: TriangleScene, rays: ScanRays) -> Meetings:
     """All rays of a scan that come back, and should meet a face at no flat angle."""
     direction, distance = rays.direction[: rays.measured], rays.distance[: rays.measured].astype(np.float64)
-    scan, face = cast_faces(scene, Rays(rays.position[None], direction))
-    expected, element, face = scan.distance[0].astype(np.float64), scan.element[0], face[0]
-    hit = np.flatnonzero(np.isfinite(expected) & np.isfinite(distance))
-    way = direction[hit].astype(np.float64)
+    expected = hits_of(scene, rays.position, direction)
+    with np.errstate(invalid="ignore"):  # rays that meet nothing have no cosine
+        hit = np.flatnonzero(np.isfinite(distance) & (np.abs(expected.cosine) > LEAST_COSINE))
+    way, normal = direction[hit].astype(np.float64), expected.normal[hit].astype(np.float64)
     way /= np.linalg.norm(way, axis=1, keepdims=True)
-    normal = face_normals(scene.triangles, face[hit]).astype(np.float64)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     cosine = -np.einsum("kc,kc->k", normal, way)
-    normal *= np.where(cosine < 0.0, -1.0, 1.0)[:, None]
-    hit, way, normal, cosine = (field[np.abs(cosine) > LEAST_COSINE] for field in (hit, way, normal, np.abs(cosine)))
-    element = element[hit]
+    normal, cosine = normal * np.sign(cosine)[:, None], np.abs(cosine)
+    element, distance, reach = expected.element[hit], distance[hit], expected.distance[hit].astype(np.float64)
     found = Meetings(
-        element, element * np.int64(WAYS + 2) + _ways(normal), normal, rays.position + way * distance[hit, None],
-        (expected[hit] - distance[hit]) * cosine, distance[hit], np.asarray(rays.position, np.float64),
+        element, element * np.int64(WAYS + 2) + _ways(normal), normal, rays.position + way * distance[:, None],
+        (reach - distance) * cosine, distance, np.asarray(rays.position, np.float64),
     )  # fmt: skip
     return found.of(np.argsort(found.group, kind="stable"))
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.rays.evidence import Frame, View, margins
+from jaxmm.rays.hits import Hits, hits_of
 from jaxmm.rays.noise_model import Noise, noise_of, sigma_at
 from jaxmm.rays.pair_evidence import EVERY, FOOTPRINT, MOST_ANGLE
 from jaxmm.rays.scan_rays import ScanRays, frame_of_rays, measured_points
@@ -21,23 +22,13 @@ from warp_scanner.clouds.neighbours import nearest
 from warp_scanner.clouds.sightlines import Predicted, Targets, look, sort_directions
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.sensors.scan import Rays
-from warp_scanner.sensors.surface import incidence_of
-from warp_scanner.sensors.triangles import TriangleScene, cast_faces, cast_triangles, clearance, face_normals
+from warp_scanner.sensors.triangles import TriangleScene, cast_triangles, clearance
 
 VOXEL = 0.1  # [m]
 LAYERS = 6  # of surfaces along a ray, those where it leaves something included
 BEYOND = 0.005  # [m] behind a surface, from where the next is looked for
 PASSES = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a surface passes through it
 FARTHEST = 2.0  # [m] beyond which the distance to the prior's surface is not looked for
-
-
-class Hits(NamedTuple):
-    """What some rays meet in the prior."""
-
-    distance: np.ndarray  # (P,) float32 [m], inf = nothing
-    element: np.ndarray  # (P,) int32, -1
-    cosine: np.ndarray  # (P,) float32 of the incidence, NaN = nothing
-    normal: np.ndarray  # (P, 3) float32 unit normals of the surfaces, toward either side; NaN = nothing
 
 
 class Sighting(NamedTuple):
@@ -51,17 +42,6 @@ class Sighting(NamedTuple):
     noise: Noise
     shown: np.ndarray  # (Q, 3) float32 [m] where the rays of the pattern meet the prior; NaN: nowhere
     reached: np.ndarray  # (E,) bool: elements that some ray of the pattern meets
-
-
-def hits_of(scene: TriangleScene, position: np.ndarray, direction: np.ndarray) -> Hits:
-    """Cast rays from one place at all elements."""
-    rays = Rays(np.asarray(position, np.float64)[None], direction)
-    scan, face = cast_faces(scene, rays)
-    normal = face_normals(scene.triangles, face)
-    cosine = np.cos(incidence_of(normal, rays))[0]
-    with np.errstate(invalid="ignore"):  # triangles without an area, which no ray meets
-        unit = normal[0] / np.linalg.norm(normal[0], axis=1, keepdims=True)
-    return Hits(scan.distance[0], scan.element[0], cosine, unit)
 
 
 def passes(distance: np.ndarray, expected: np.ndarray) -> np.ndarray:

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH, margins
+from jaxmm.rays.hits import hits_of
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.rays.tilted_ends import Met, tilted_ends
-from jaxmm.verdicts.building_evidence import hits_of, sight
+from jaxmm.verdicts.building_evidence import sight
 from jaxmm.verdicts.priors import prior_of_building
 from tests.cases.box_building import building_of, shell_of
 from warp_scanner.scenes.scenes import PILLAR, TABLE, WALL

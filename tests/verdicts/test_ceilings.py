@@ -8,8 +8,8 @@ from jaxmm.objects.clues import CLUES
 from jaxmm.objects.finder import ObjectSettings, examine, find_objects
 from jaxmm.objects.patches import Sight
 from jaxmm.rays.evidence import FEATURES, Frame, View, features_of
+from jaxmm.rays.hits import hits_of
 from jaxmm.rays.scan_rays import PosedScan
-from jaxmm.verdicts.building_evidence import hits_of
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.floor_levels import ceilings_over
 from jaxmm.verdicts.named_scans import NamedScan

@@ -6,8 +6,8 @@ import pytest
 from jaxmm.learning.prediction import read_judges
 from jaxmm.objects.patches import Sight
 from jaxmm.rays.evidence import FEATURES, Frame, View, features_of
+from jaxmm.rays.hits import hits_of
 from jaxmm.rays.scan_rays import PosedScan
-from jaxmm.verdicts.building_evidence import hits_of
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.floor_levels import ceilings_over, floors_under, levels_at
 from jaxmm.verdicts.named_scans import NamedScan
