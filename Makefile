@@ -82,6 +82,9 @@ ifneq ($(wildcard $(JAXMM_DATA)/ifc),)
 	$(BIN)/python -m benchmarks.progress $(JAXMM_DATA)/ifc --out runs/progress
 	$(BIN)/python -m benchmarks.outdoors $(JAXMM_DATA)/ifc --out runs/outdoors
 endif
+ifneq ($(wildcard $(JAXMM_DATA)/real),)
+	JAXMM_DATA=$(JAXMM_DATA) $(BIN)/python -m benchmarks.reality
+endif
 ifneq ($(wildcard $(JAXMM_DATA)/thesis),)
 	$(BIN)/python -m benchmarks.released $(JAXMM_DATA)/thesis
 endif

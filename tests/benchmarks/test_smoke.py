@@ -16,7 +16,8 @@ WRITES = {
     "ablation": FOLDER, "accuracy": FOLDER, "buildings": FOLDER, "clouds": FOLDER, "detect": JSON,
     "detections": FOLDER, "deviations": JSON, "growth": JSON, "large_scans": JSON, "latency": JSON, "matrix": JSON,
     "mirrors": JSON, "neighbours": JSON, "objects": FOLDER, "outdoors": FOLDER, "pairs": JSON, "peak": NOTHING,
-    "pillars": FILE, "pose_search": JSON, "poses": JSON, "progress": FOLDER, "rays": JSON, "released": JSON,
+    "pillars": FILE, "pose_search": JSON, "poses": JSON, "progress": FOLDER, "rays": JSON, "reality": JSON,
+    "released": JSON,
     "rivals": FILE, "rooms": JSON, "sensors": FOLDER, "train": JSON, "triangles": JSON, "unchanged": JSON,
     "voxels": JSON,
 }  # fmt: skip
