@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
+from jaxmm.learning.element_boxes import boxes_of
 from jaxmm.learning.prediction import Judges, Side, judge, unjudged
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts.as_built import AsBuilt, as_built, with_displaced
@@ -218,13 +219,16 @@ def _elements(
         gone[hidden] = False
         remains = remains_of(prior, gone) if gone.any() else prior
         views = dict(zip(hidden.tolist(), _views(remains, placed, looked, hidden), strict=True))
+    triangles = prior.building.triangles
+    boxes = boxes_of(triangles.vertices, triangles.faces, triangles.element, rows)
     return tuple(
         ElementVerdict(
             table.guid[row], table.ifc_class[row], table.name[row],
             storeys.name[table.storey[row]] if table.storey[row] >= 0 else "",
             *verdicts[row], views.get(int(row)), stands.deviations.get(int(row)),
+            None if box is None else box.shifted(prior.origin),
         )
-        for row in rows
+        for row, box in zip(rows, boxes, strict=True)
     )  # fmt: skip
 
 
