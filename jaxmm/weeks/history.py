@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.ifc.tasks import NO_PLAN, TaskPlan
+from jaxmm.reports.markdown import printable
 from jaxmm.verdicts.verdicts import DISPLACED, PRESENT, REMOVED
 from jaxmm.weeks.reports import Key, Listed, Offset, Week, labels_of
 
@@ -156,4 +157,9 @@ def _notes(weeks: Sequence[Week], elements: Sequence[Followed]) -> tuple[str, ..
         names = ", ".join(repr(one.latest.name or one.latest.guid) for one in back[:MOST_NAMED])
         more = f" and {len(back) - MOST_NAMED} more" if len(back) > MOST_NAMED else ""
         notes.append(f"told to be removed in one week, and seen again in a later one: {names}{more}")
-    return tuple(notes)
+    return tuple(_shown(note) for note in notes)
+
+
+def _shown(text: str) -> str:
+    """One line without what a terminal would obey: reports come from elsewhere."""
+    return "".join(letter if letter.isprintable() else " " for letter in printable(text))

@@ -56,12 +56,17 @@ def outlines_of(progress: Progress, model: Model | None = None) -> Outlines:
         cut = None if model is None else cut_at(model, keys, floor + CUT)
         lines = {}
         for one in members:
-            rings = (cut.followed.get(one.key) if cut else None) or [one.latest.box.corners]
+            rings = (cut.followed.get(one.key) if cut else None) or [_closed(one.latest.box.corners)]
             lines[one.key] = [ring - base for ring in rings]
         order = sorted(lines, key=lambda key: -_extent(lines[key]))
         others = [ring - base for ring in cut.others] if cut else []
         storeys.append(Storey(name, floor, {key: lines[key] for key in order}, others))
     return Outlines(base, tuple(storeys))
+
+
+def _closed(corners: np.ndarray) -> np.ndarray:
+    """Corners (n, 2), the first again at the end."""
+    return np.concatenate([corners, corners[:1]])
 
 
 def _extent(rings: Rings) -> float:

@@ -21,7 +21,7 @@ from jaxmm.weeks.colours import colour_of
 from jaxmm.weeks.history import STATES, Followed, Moment, Progress
 from jaxmm.weeks.outlines import Outlines
 from jaxmm.weeks.shares import Share, due_of, shares_of, storey_of
-from jaxmm.weeks.summary import lines_of
+from jaxmm.weeks.summary import headline
 
 
 def write_page(path: Path, progress: Progress, outlines: Outlines) -> None:
@@ -39,7 +39,7 @@ def page_text(progress: Progress, outlines: Outlines) -> str:
     models = list(dict.fromkeys(week.model.file for week in progress.weeks if week.model.file))
     values = {
         "policy": f"default-src 'none'; script-src {allowed_hash(script)}; style-src {allowed_hash(style)}",
-        "title": html.escape(lines_of(progress)[len(progress.weeks) - 1]),
+        "title": html.escape(headline(progress)),
         "model": html.escape(printable(f"Compared with: {', '.join(models)}" if models else "")),
         "notes": "\n".join(f'<p class="note">{html.escape(printable(note))}</p>' for note in progress.notes),
         "style": style,

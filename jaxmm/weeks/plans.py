@@ -17,6 +17,7 @@ from jaxmm.weeks.outlines import Outlines, Rings, Storey
 MOST_LISTED = 24  # weeks in the legend; of more, some
 AROUND = 1.0  # [m] left free
 PLAN_WIDTH, PLAN_HEIGHT, LEGEND, MARGIN = 8.0, 8.0, 3.4, 0.75  # [inch]
+OFF_WIDTH = 2.2  # [pt] of the edge of what is displaced
 LOOKS = {  # of what does not stand, or stands off its place: face, edge, hatch, line
     GONE: ("#FBE0D0", COLOR_REMOVED, "xxxxx", "-"),
     ABSENT: ("white", GREY, "", "--"),
@@ -93,7 +94,7 @@ def _filled(patch: Patch, kind: object, weeks: int, is_off: bool) -> Patch:
     else:
         patch.set(facecolor=colour_of(kind, weeks), edgecolor="#303030", linewidth=0.6)
     if is_off:
-        patch.set(edgecolor=COLOR_DISPLACED, linewidth=2.2)
+        patch.set(edgecolor=COLOR_DISPLACED, linewidth=OFF_WIDTH)
     patch.set_hatch_linewidth(0.6)
     return patch
 
@@ -107,5 +108,6 @@ def _entries(progress: Progress, count: dict[object, int]) -> list[Patch]:
     ]
     entries += [_filled(Patch(label=f"{LABELS[s]}: {count[s]}"), s, weeks, False) for s in LOOKS if count.get(s)]
     if count.get(OFF):
-        entries.append(_filled(Patch(label=f"displaced: {count[OFF]}", facecolor="white"), ABSENT, weeks, True))
+        label = f"displaced: {count[OFF]}, its colour as above"
+        entries.append(Patch(facecolor="white", edgecolor=COLOR_DISPLACED, linewidth=OFF_WIDTH, label=label))
     return entries

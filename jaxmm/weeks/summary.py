@@ -5,6 +5,12 @@ from jaxmm.weeks.history import ABSENT, GONE, OFF, UNKNOWN, Progress
 from jaxmm.weeks.shares import LATE, OPEN, Share, due_of, shares_of
 
 
+def headline(progress: Progress) -> str:
+    """How it stands at the end of the last week."""
+    last = [one for one in shares_of(progress) if one.kind == "all"][-1]
+    return printable(f"{progress.labels[-1]}: {told_share(last)}")
+
+
 def lines_of(progress: Progress) -> list[str]:
     """A line for each week, and one on the schedule where there is one."""
     lines = []

@@ -16,7 +16,12 @@ function make(name, attributes = {}, text = null) {
 }
 
 const nameOf = (one) => one.name || one.guid;
-const percent = (value) => value === null ? "" : `${Math.round(100 * value)} %`;
+const percent = (value) => `${Math.round(100 * value)}\u00a0%`;
+
+function spanOf(least, most) {
+  if (least === null) return "";
+  return percent(least) === percent(most) ? percent(least) : `${Math.round(100 * least)} to ${percent(most)}`;
+}
 const told = (one, week) => one.told[week] === "1";
 const inModel = (one, week) => one.model[week] === "1";
 
@@ -201,8 +206,7 @@ function showBars() {
   const rows = data.shares.filter((one) => one.kind === kind).map((one) => {
     const [count, done, least, most] = one.weeks[now];
     const group = make("div", {class: "group"}), label = make("div", {class: "label"}), track = make("div", {class: "track"});
-    const span = least === null ? "" : percent(least) === percent(most) ? percent(least) : `${percent(least)} to ${percent(most)}`;
-    label.append(make("span", {}, one.name), make("span", {}, count ? `${done} of ${count}, ${span}` : "none"));
+    label.append(make("span", {}, one.name), make("span", {}, count ? `${done} of ${count}, ${spanOf(least, most)}` : "none"));
     for (const [name, value] of [["most", most], ["least", least]]) {
       const bar = make("i", {class: name});
       bar.style.width = `${100 * (value || 0)}%`;
@@ -217,12 +221,12 @@ function showBars() {
 function showCurve() {
   const all = data.shares.find((one) => one.kind === "all").weeks;
   const times = weeks.map((one) => Date.parse(one.date)), first = times[0], span = times[times.length - 1] - first || 1;
-  const x = (n) => 34 + 276 * (weeks.length > 1 ? (times[n] - first) / span : 0.5), y = (value) => 112 - 100 * (value || 0);
+  const x = (n) => 40 + 270 * (weeks.length > 1 ? (times[n] - first) / span : 0.5), y = (value) => 112 - 100 * (value || 0);
   const curve = at("curve"), parts = [];
   curve.setAttribute("viewBox", "0 0 330 136");
   for (const value of [0, 0.5, 1]) {
-    parts.push(make("line", {x1: 34, x2: 316, y1: y(value), y2: y(value), class: "grid"}));
-    parts.push(make("text", {x: 28, y: y(value) + 4, "text-anchor": "end"}, `${100 * value}%`));
+    parts.push(make("line", {x1: 40, x2: 316, y1: y(value), y2: y(value), class: "grid"}));
+    parts.push(make("text", {x: 35, y: y(value) + 4, "text-anchor": "end"}, `${100 * value}%`));
   }
   const upper = all.map((one, n) => `${x(n)},${y(one[3])}`), lower = all.map((one, n) => `${x(n)},${y(one[2])}`);
   parts.push(make("polygon", {points: [...upper, ...lower.slice().reverse()].join(" "), class: "span"}));
@@ -233,8 +237,7 @@ function showCurve() {
   if (weeks.length > 1) parts.push(make("text", {x: 316, y: 130, "text-anchor": "end"}, weeks[weeks.length - 1].label));
   curve.replaceChildren(...parts);
   const [count, done, least, most] = all[now];
-  const range = percent(least) === percent(most) ? percent(least) : `${percent(least)} to ${percent(most)}`;
-  at("total").textContent = `${done} of ${count} elements stand: ${range}`;
+  at("total").textContent = `${done} of ${count} elements stand: ${spanOf(least, most)}`;
 }
 
 function showRows() {
@@ -257,8 +260,9 @@ function showRows() {
     const cell = make("td");
     cell.append(strip);
     const off = one.off.slice(0, now + 1).filter((value) => value !== null).pop();
-    line.append(name, ...[one.class.replace(/^Ifc/, ""), one.storey, state, since === null ? "never" : weeks[since].label,
-      one.first === null || one.first > now ? "" : weeks[one.first].label, offText(off === undefined ? null : off)].map((text) => make("td", {}, text)), cell);
+    const first = one.first === null || one.first > now ? "" : weeks[one.first].label;
+    const rest = [one.class.replace(/^Ifc/, ""), one.storey, since === null ? "never" : weeks[since].label, first, offText(off ?? null)];
+    line.append(name, make("td", {}, state), cell, ...rest.map((text) => make("td", {}, text)));
     rows.push(line);
   });
   at("rows").replaceChildren(...rows);
