@@ -194,7 +194,7 @@ def _cell(value: Any) -> Any:
         value = printable(value)
         return f"'{value}" if value.startswith(("=", "+", "-", "@", "\t", "\r", "\n")) else value
     if isinstance(value, (float, np.floating)):
-        return round(float(value), 6) if math.isfinite(value) else None
+        return round(float(value), 6) + 0.0 if math.isfinite(value) else None  # a zero has no sign
     return value
 
 

@@ -81,6 +81,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
     watch.lap("objects")
     elements = _elements(prior, verdicts, placed, looked, stands, settings) if verdicts is not None else ()
+    elements = _with_boxes(drawn_prior, elements)  # where the model has them, not where they stand
     watch.lap("next views")
     records = _records(prior, scans, placed, (told, stands, settings, mismatches))
     # Drawn are the rays as the whole model has them, and what the points are held for in the end.
@@ -219,17 +220,27 @@ def _elements(
         gone[hidden] = False
         remains = remains_of(prior, gone) if gone.any() else prior
         views = dict(zip(hidden.tolist(), _views(remains, placed, looked, hidden), strict=True))
-    triangles = prior.building.triangles
-    boxes = boxes_of(triangles.vertices, triangles.faces, triangles.element, rows)
     return tuple(
         ElementVerdict(
             table.guid[row], table.ifc_class[row], table.name[row],
             storeys.name[table.storey[row]] if table.storey[row] >= 0 else "",
             *verdicts[row], views.get(int(row)), stands.deviations.get(int(row)),
-            None if box is None else box.shifted(prior.origin),
         )
-        for row, box in zip(rows, boxes, strict=True)
+        for row in rows
     )  # fmt: skip
+
+
+def _with_boxes(prior: Prior, elements: tuple[ElementVerdict, ...]) -> tuple[ElementVerdict, ...]:
+    """The same, each with the box around it."""
+    if not elements:
+        return ()
+    row = {guid: number for number, guid in enumerate(prior.building.elements.guid)}
+    triangles, wanted = prior.building.triangles, np.array([row[one.guid] for one in elements])
+    boxes = boxes_of(triangles.vertices, triangles.faces, triangles.element, wanted)
+    return tuple(
+        one._replace(box=None if box is None else box.shifted(prior.origin))
+        for one, box in zip(elements, boxes, strict=True)
+    )
 
 
 def _views(prior: Prior, placed: list[Placed], looked: list[Looked], hidden: np.ndarray) -> list[Pose | None]:

@@ -141,7 +141,7 @@ def _moved(moments: Sequence[Moment]) -> tuple[float, int, int] | None:
 
 def _notes(weeks: Sequence[Week], elements: Sequence[Followed]) -> tuple[str, ...]:
     labels = labels_of(weeks)
-    notes = [f"{label} ({week.report}): in doubt: {one}" for label, week in zip(labels, weeks, strict=True)
+    notes = [f"{label} ({week.name}): in doubt: {one}" for label, week in zip(labels, weeks, strict=True)
              for one in week.doubts]  # fmt: skip
     for number in range(1, len(weeks)):
         one, other = weeks[number - 1], weeks[number]

@@ -55,7 +55,7 @@ def page_data(progress: Progress, outlines: Outlines) -> dict[str, Any]:
     return {
         "states": list(STATES),
         "weeks": [
-            {"label": label, "date": week.date, "report": printable(week.report),
+            {"label": label, "date": week.date, "report": printable(week.name),
              "added": [_added(box, outlines.base) for box in week.added]}
             for week, label in zip(progress.weeks, progress.labels, strict=True)
         ],

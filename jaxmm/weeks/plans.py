@@ -74,7 +74,14 @@ def draw_plan(progress: Progress, outlines: Outlines, storey: Storey, path: Path
     title.set_parse_math(False)  # names of storeys hold dollars
     place = ((MARGIN + width + 0.15) / total[0], 1.0 - 0.5 / total[1])
     entries = _entries(progress, count)
-    figure.legend(handles=entries, loc="upper left", bbox_to_anchor=place, frameon=False, title="first seen to stand")
+    figure.legend(
+        handles=entries,
+        loc="upper left",
+        bbox_to_anchor=place,
+        frameon=False,
+        title="first seen to stand",
+        alignment="left",
+    )
     return save(figure, path)
 
 

@@ -67,6 +67,13 @@ class Week(NamedTuple):
     doubts: tuple[str, ...]  # what speaks against where its scans were taken from
 
     @property
+    def name(self) -> str:
+        """Of its folder, without those that it lies in: pages and tables are passed on."""
+        path = Path(self.report)
+        folder = path if path.name != REPORT else path.parent
+        return folder.resolve().name
+
+    @property
     def classes(self) -> set[str]:
         """Classes of elements that were asked for, as far as the model has any."""
         return {one.ifc_class for one in self.elements.values()}

@@ -40,14 +40,14 @@ class Share(NamedTuple):
 
 def shares_of(progress: Progress) -> list[Share]:
     """All shares, kind by kind in the order of KINDS; within, as the groups first come up among the elements."""
-    found = [Share("all", "all", week, *_counted(progress.elements, week, False)) for week in _weeks(progress)]
+    found = [_share(progress, ("all", "all"), progress.elements, week) for week in _weeks(progress)]
     for kind, groups in (("class", _by_class(progress)), ("storey", _by_storey(progress))):
         for name, members in groups.items():
-            found += [Share(kind, name, week, *_counted(members, week, False)) for week in _weeks(progress)]
+            found += [_share(progress, (kind, name), members, week) for week in _weeks(progress)]
     for number, members in by_task(progress).items():
         task = progress.plan.tasks[number]
         name = task.name or task.guid
-        found += [Share("task", name, week, *_counted(members, week, task.removes)) for week in _weeks(progress)]
+        found += [_share(progress, ("task", name), members, week, number) for week in _weeks(progress)]
     return found
 
 
@@ -85,20 +85,33 @@ def due_of(one: Followed, progress: Progress) -> Due:
     if not dated or not ended:
         return Due(numbers, dated[0][0] if dated else None, "", 0)
     finish, number = ended[-1]
-    removes = progress.plan.tasks[number].removes
-    if not one.moments[-1].in_model or _is_done(one.state, removes):
+    if not one.moments[-1].in_model or one.state in done_states(one, progress, number):
         return Due(numbers, finish, "", 0)
     days = (date.fromisoformat(today) - date.fromisoformat(finish)).days
     return Due(numbers, finish, OPEN if one.state == UNKNOWN else LATE, days)
 
 
-def _is_done(state: str, removes: bool) -> bool:
-    return state in ((ABSENT, GONE) if removes else STANDING)
+def done_states(one: Followed, progress: Progress, task: int | None) -> tuple[str, ...]:
+    """The states in which a task has done what it should with an element; without a task, those in which it stands.
+
+    What another task takes away again, such as what only shores the rest up, was built when it is gone.
+    """
+    if task is None:
+        return STANDING
+    tasks = progress.plan.tasks
+    if tasks[task].removes:
+        return (ABSENT, GONE)
+    own = progress.plan.of_element.get(one.latest.guid, ())
+    return (*STANDING, GONE) if any(tasks[number].removes for number in own) else STANDING
 
 
-def _counted(members: Sequence[Followed], week: int, removes: bool) -> tuple[dict[str, int], int]:
-    states = [one.moments[week].state for one in members if one.moments[week].in_model]
-    return {state: states.count(state) for state in STATES}, sum(_is_done(state, removes) for state in states)
+def _share(
+    progress: Progress, group: tuple[str, str], members: Sequence[Followed], week: int, task: int | None = None
+) -> Share:
+    there = [one for one in members if one.moments[week].in_model]
+    states = [one.moments[week].state for one in there]
+    done = sum(one.moments[week].state in done_states(one, progress, task) for one in there)
+    return Share(*group, week, {state: states.count(state) for state in STATES}, done)
 
 
 def _weeks(progress: Progress) -> Iterator[int]:

@@ -56,7 +56,7 @@ def to_json(progress: Progress, shares: list[Share]) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "weeks": [
-            {"report": week.report, "date": week.date, "label": label, "model": week.model._asdict(),
+            {"report": week.name, "date": week.date, "label": label, "model": week.model._asdict(),
              "doubts": list(week.doubts), "added": [_plain(box) for box in week.added]}
             for week, label in zip(progress.weeks, progress.labels, strict=True)
         ],

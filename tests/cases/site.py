@@ -18,13 +18,7 @@ from warp_scanner.scenes.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.sensors.sensors import Spinning
 
 HEIGHT, OFF = 3.0, 0.08  # [m]
-SENSOR = Spinning(720, 120, (-60.0, 60.0), range_limits=(0.3, 50.0))
-SENSOR_FILE = """kind = "spinning"
-azimuth_steps = 720
-channels = 120
-elevation_range = [-60, 60]
-range_limits = [0.3, 50]
-"""
+SENSOR = Spinning(480, 80, (-60.0, 60.0), range_limits=(0.3, 50.0))
 INNER, COLUMN = "inner wall", "column"
 POSE, UPPER_POSE = "1,-3,1.5,90", "1,-3,4.7,90"
 DATES = ("2026-03-02", "2026-03-09", "2026-03-16", "2026-03-23")
