@@ -37,8 +37,9 @@ def page_text(progress: Progress, outlines: Outlines) -> str:
     """The page as HTML."""
     style, script = _part("progress.css"), "\n".join(["(() => {", '"use strict";', _part("progress.js"), "})();"])
     models = list(dict.fromkeys(week.model.file for week in progress.weeks if week.model.file))
+    allowed = f"script-src {allowed_hash(script)}; style-src {allowed_hash(style)}"
     values = {
-        "policy": f"default-src 'none'; script-src {allowed_hash(script)}; style-src {allowed_hash(style)}",
+        "policy": f"default-src 'none'; img-src data:; {allowed}",
         "title": html.escape(headline(progress)),
         "model": html.escape(printable(f"Compared with: {', '.join(models)}" if models else "")),
         "notes": "\n".join(f'<p class="note">{html.escape(printable(note))}</p>' for note in progress.notes),
