@@ -106,7 +106,7 @@ def _followed(key: Key, weeks: Sequence[Week]) -> Followed:
         found = (None, None, None) if one is None else (one.verdict, one.probability, one.offset)
         moments.append(Moment(found[0], in_model, told, state, since, found[1], found[2]))
     seen = [number for number, one in enumerate(moments) if one.told and one.state in STANDING]
-    empty = [n for n, one in enumerate(moments) if one.told and one.state == ABSENT and (not seen or n < seen[0])]
+    empty = [n for n, one in enumerate(moments) if one.told and one.state == ABSENT]  # what stood once is no more so
     return Followed(
         key, latest, tuple(moments), seen[0] if seen else None, empty[-1] if seen and empty else None,
         seen[-1] if seen else None, _run(moments, GONE), _run(moments, OFF), _moved(moments),
