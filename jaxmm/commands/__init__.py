@@ -1,4 +1,4 @@
-"""Words in, all else out. May import: root, formats, rays, learning, data, verdicts, ifc, reports, thesis, runs."""
+"""Words in, else out. May import: root, formats, rays, learning, data, verdicts, ifc, reports, weeks, thesis, runs."""
 
 import lazy_loader
 

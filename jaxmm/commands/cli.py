@@ -1,7 +1,7 @@
 """The command line: parses, calls, prints. Errors are one line.
 
-2 says that the input is wrong, or that `scan`, `generate`, `detect` and `revert` have nowhere to write; 1 that the
-work failed.
+2 says that the input is wrong, or that `scan`, `generate`, `detect`, `progress` and `revert` have nowhere to write; 1
+that the work failed.
 """
 
 import argparse
@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
-from jaxmm.commands import detect_options
+from jaxmm.commands import detect_options, progress_options
 from jaxmm.config import CONDITIONS, SCENARIOS
 from jaxmm.files import check_writable
 from jaxmm.inputs import InputError
@@ -24,6 +24,7 @@ WRITERS = (
     "scan",
     "generate",
     "detect",
+    "progress",
     "revert",
 )  # commands for which a file that cannot be written is the user's to put right
 _AGAIN = "the same command again goes on"
@@ -168,6 +169,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--unit", type=float, default=1.0, metavar="METRES", help="length of the mesh file's unit")
 
     detect_options.add_detect(_command(commands, "detect", detect_options.detect, detect_options.EXAMPLE), POSE)
+    progress_options.add_progress(_command(commands, "progress", progress_options.progress, progress_options.EXAMPLE))
     command = _command(commands, "revert", detect_options.revert, "jaxmm revert found/updated.ifc --out before.ifc")
     command.add_argument("updated", type=Path, metavar="UPDATED.ifc", help="of detect; its undo.json lies beside it")
     command.add_argument("--out", type=Path, required=True, metavar="FILE.ifc", help="the model as it was before")
@@ -182,6 +184,7 @@ ABOUT = {
     "thesis": "score the test pairs of the thesis's public repository",
     "scan": "scan a building from one place and write the scan",
     "detect": "compare robot scans with a building model: what was added, what removed, what could not be seen",
+    "progress": "follow every element over the reports of several weeks: when it was built, displaced or removed",
     "revert": "undo what detect changed in an IFC file",
 }
 

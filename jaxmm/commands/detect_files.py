@@ -12,6 +12,7 @@ import numpy as np
 import jaxmm.reports.notebook  # noqa: F401 - with it, notebooks show a detection
 from jaxmm.files import check_empty, write_folder
 from jaxmm.formats.bags import is_bag
+from jaxmm.formats.dates import latest, parse_date, taken_of
 from jaxmm.formats.poses import SEARCH, AskedPose, GivenPose
 from jaxmm.formats.readers import PointScan, read_scans
 from jaxmm.formats.units import FITS
@@ -74,6 +75,7 @@ def detect(
     reading: Reading | None = None,
     settings: DetectSettings | None = None,
     model: Path | str = DEFAULT,
+    date: str | None = None,
 ) -> Detection:
     """Compare robot scans with a building model, as `jaxmm detect` does, without writing anything.
 
@@ -85,6 +87,7 @@ def detect(
         reading: units, frame and sensor.
         settings: how to detect.
         model: run folder or .safetensors file of models of the method "evidence".
+        date: when the scans were taken, as 2026-03-02 or 2026-03-02T14:30; None: what their files say.
 
     Raises:
         InputError: a file cannot be used, or does not fit the others; one line.
@@ -93,6 +96,7 @@ def detect(
     files = [Path(one) for one in ([scans] if isinstance(scans, str | os.PathLike) else scans)]
     given: list[AskedPose] = [poses] if isinstance(poses, GivenPose | str) else list(poses or ())
     reading, settings = reading or Reading(), settings or DetectSettings()
+    stated = None if date is None else parse_date(date)
     judges = read_judges(Path(model))
     if reading.topic is not None and not any(map(is_bag, files)):
         raise InputError("--topic: expected a bag among the scans, got none")
@@ -131,7 +135,10 @@ def detect(
         if len(others) != 1:
             raise
         raise Misfit(f"{error}; its points do lie on the prior {others.pop()}") from error
-    return detection._replace(timing=detection.timing | {"loading": loaded}, prior=read.file)
+    taken = [taken_of(file, scan.taken) for file, scan in found]
+    records = tuple(one._replace(taken=when) for one, when in zip(detection.scans, taken, strict=True))
+    timing = detection.timing | {"loading": loaded}
+    return detection._replace(timing=timing, prior=read.file, scans=records, date=stated or latest(taken))
 
 
 def write_all(

@@ -23,6 +23,10 @@ FRAMES = (
 UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
 CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
 AS_BUILT = "also write as_built.ifc: the model with displaced elements where they were measured"
+DATE = (
+    "when the scans were taken, as 2026-03-02 or 2026-03-02T14:30 (UTC), for jaxmm progress; default: what the scan "
+    "files say (E57, LAS), or else when they were last changed"
+)
 SETTINGS = (
     'any field of jaxmm/verdicts/settings.py, as TOML: classes = ["wall"], or of a table in it: objects.threshold = 0.4'
 )
@@ -49,6 +53,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--model", type=Path, metavar="RUN|FILE", help="default: the models that come with jaxmm")
     command.add_argument("--settings", type=Path, metavar="FILE.toml", help=SETTINGS)
     command.add_argument("--classes", action="append", default=[], metavar="CLASS,...", help=CLASSES)
+    command.add_argument("--date", metavar="DATE", help=DATE)
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
     command.add_argument("--as-built", action="store_true", help=AS_BUILT)
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
@@ -71,6 +76,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
 def detect(options: argparse.Namespace) -> None:
     """Read, compare, write, and print what was found."""
     from jaxmm.files import check_empty, check_folder
+    from jaxmm.formats.dates import parse_date
     from jaxmm.formats.poses import read_poses
 
     check_folder(options.out, "--out")
@@ -82,6 +88,11 @@ def detect(options: argparse.Namespace) -> None:
         if not scan.exists():
             raise InputError(f"{scan}: expected a scan file, or a folder of depth images, found nothing there")
     poses = read_poses(options.pose) or None
+    if options.date is not None:
+        try:
+            parse_date(options.date)
+        except InputError as error:
+            raise InputError(f"--date: {error}") from error
     sensor = _sensor(options.sensor)
 
     from jaxmm.commands import detect_files  # takes seconds: what is wrong with the words above is said before
@@ -98,6 +109,7 @@ def detect(options: argparse.Namespace) -> None:
     detection = detect_files.detect(
         options.prior, options.scans, poses,
         reading=_reading(options, sensor), settings=settings, model=options.model or DEFAULT,
+        date=options.date,
     )  # fmt: skip
     for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
         print(note)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxmm.formats.dates import from_gps
 from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_name, check_swelling, returned, to_world
 from jaxmm.inputs import InputError
 
@@ -70,12 +71,13 @@ def _scan(path: Path, image: Any, header: Any) -> RawScan:
     if axes is None:
         raise InputError(f"{path}: expected points in cartesian or spherical coordinates, got others")
     points = _points(path, image, header, axes)
+    taken = _taken(header.node)
     if not header.has_pose():
-        return RawScan(points)
+        return RawScan(points, taken=taken)
     points, none = returned(points)  # in the sensor's frame, where their zero is
     position, rotation, remarks = _pose(header.node)
     to_world(points, rotation, position)
-    return RawScan(points, position, rotation, (*remarks, *none), in_world=True)
+    return RawScan(points, position, rotation, (*remarks, *none), in_world=True, taken=taken)
 
 
 def _points(path: Path, image: Any, header: Any, axes: tuple[str, ...]) -> np.ndarray:
@@ -113,6 +115,13 @@ def _cartesian(block: np.ndarray, axes: tuple[str, ...]) -> np.ndarray:
     distance, azimuth, elevation = block.T
     level = distance * np.cos(elevation)
     return np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)])
+
+
+def _taken(node: Any) -> str | None:
+    """When the scan began, as far as the file says so."""
+    if not (node.isDefined("acquisitionStart") and node["acquisitionStart"].isDefined("dateTimeValue")):
+        return None
+    return from_gps(float(node["acquisitionStart"]["dateTimeValue"].value()))
 
 
 def _pose(node: Any) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:

@@ -62,9 +62,9 @@ def write_plain(folder: Path, detection: Detection) -> None:
     write_json(folder / "report.json", to_json(detection))
     write_text(folder / "report.md", as_markdown(detection))
     write_text(folder / "sentences.txt", "".join(f"{line}\n" for line in sentences_of(detection)))
-    _write_csv(folder / "mismatches.csv", mismatches_csv(detection.mismatches))
-    _write_csv(folder / "elements.csv", elements_csv(detection.elements))
-    _write_csv(folder / "deviations.csv", deviations_csv(detection.elements))
+    write_csv(folder / "mismatches.csv", mismatches_csv(detection.mismatches))
+    write_csv(folder / "elements.csv", elements_csv(detection.elements))
+    write_csv(folder / "deviations.csv", deviations_csv(detection.elements))
     write_mismatch_points(folder / "mismatches.ply", detection)
     write_points(folder / "points.ply", detection)
 
@@ -86,7 +86,7 @@ def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
             one.observable_fraction, one.element, origin, " ".join("yes" if seen else "no" for seen in one.measured),
             None if one.type_probability is None else told_probability(one.type_probability),
         ])  # fmt: skip
-    return _as_csv(MISMATCH_COLUMNS, rows)
+    return as_csv(MISMATCH_COLUMNS, rows)
 
 
 def elements_csv(elements: Iterable[ElementVerdict]) -> str:
@@ -97,7 +97,7 @@ def elements_csv(elements: Iterable[ElementVerdict]) -> str:
             one.guid, one.ifc_class, one.name, one.storey, one.verdict, told_probability(one.probability), one.points,
             *one.rays, *(one.next_view or [None] * 5), *_deviation(one.deviation),
         ])  # fmt: skip
-    return _as_csv(ELEMENT_COLUMNS, rows)
+    return as_csv(ELEMENT_COLUMNS, rows)
 
 
 def deviations_csv(elements: Iterable[ElementVerdict]) -> str:
@@ -110,7 +110,7 @@ def deviations_csv(elements: Iterable[ElementVerdict]) -> str:
     for one in measured(elements):
         words = offset_in_words(one.deviation)
         rows.append([one.guid, one.ifc_class, one.name, one.storey, one.verdict, words, *_deviation(one.deviation)])
-    return _as_csv(WORST_COLUMNS, rows)
+    return as_csv(WORST_COLUMNS, rows)
 
 
 def sentences_of(detection: Detection) -> tuple[str, ...]:
@@ -180,7 +180,8 @@ def write_points(path: Path, detection: Detection) -> None:
     write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))
 
 
-def _as_csv(columns: Iterable[str], rows: Iterable[list]) -> str:
+def as_csv(columns: Iterable[str], rows: Iterable[list]) -> str:
+    """A table by RFC 4180: numbers to six digits, empty where there is none; no text in it runs as a formula."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\r\n")
     writer.writerow(columns)
@@ -193,10 +194,11 @@ def _cell(value: Any) -> Any:
         value = printable(value)
         return f"'{value}" if value.startswith(("=", "+", "-", "@", "\t", "\r", "\n")) else value
     if isinstance(value, (float, np.floating)):
-        return round(float(value), 6) if math.isfinite(value) else None
+        return round(float(value), 6) + 0.0 if math.isfinite(value) else None  # a zero has no sign
     return value
 
 
-def _write_csv(path: Path, text: str) -> None:
+def write_csv(path: Path, text: str) -> None:
+    """Write what `as_csv` made, whole or not at all."""
     # As bytes: a text file would turn the line ends of the format into those of the machine.
     write_atomically(path, lambda temporary: temporary.write_bytes(text.encode("utf-8")))

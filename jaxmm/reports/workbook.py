@@ -48,13 +48,18 @@ def write_workbook(path: Path, detection: Detection) -> bool:
     book.remove(book.active)
     elements = detection.elements
     off = [[*_who(one), *_off(one), place_in_words(one)] for one in displaced(elements)]
-    _add_sheet(book, "Displaced", (*_WHO, *_OFF, "sentence"), off)
-    _add_sheet(book, "Measured", (*_WHO, *_OFF), [[*_who(one), *_off(one)] for one in measured(elements)])
-    _add_sheet(book, "Elements", (*_WHO, *_OFF, *_RAYS), [[*_who(one), *_off(one), *_rays(one)] for one in elements])
+    add_sheet(book, "Displaced", (*_WHO, *_OFF, "sentence"), off)
+    add_sheet(book, "Measured", (*_WHO, *_OFF), [[*_who(one), *_off(one)] for one in measured(elements)])
+    add_sheet(book, "Elements", (*_WHO, *_OFF, *_RAYS), [[*_who(one), *_off(one), *_rays(one)] for one in elements])
+    write_book(path, book)
+    return True
+
+
+def write_book(path: Path, book: Any) -> None:
+    """Write a workbook of openpyxl, undated, whole or not at all."""
     content = io.BytesIO()
     book.save(content)
     write_atomically(path, lambda temporary: write_zip(temporary, _undated(content.getvalue())))
-    return True
 
 
 def _who(one: ElementVerdict) -> list[Any]:
@@ -77,7 +82,8 @@ def _rays(one: ElementVerdict) -> list[Any]:
     return [100.0 * told_probability(one.probability), *one.rays]
 
 
-def _add_sheet(book: Any, title: str, columns: tuple[str, ...], rows: Iterable[list[Any]]) -> None:
+def add_sheet(book: Any, title: str, columns: tuple[str, ...], rows: Iterable[list[Any]]) -> None:
+    """One more table in a workbook of openpyxl; the columns up to the third, and the head, stay in view."""
     from openpyxl.styles import Alignment, Font
     from openpyxl.utils import get_column_letter
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
+from jaxmm.learning.element_boxes import boxes_of
 from jaxmm.learning.prediction import Judges, Side, judge, unjudged
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts.as_built import AsBuilt, as_built, with_displaced
@@ -80,6 +81,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
     watch.lap("objects")
     elements = _elements(prior, verdicts, placed, looked, stands, settings) if verdicts is not None else ()
+    elements = _with_boxes(drawn_prior, elements)  # where the model has them, not where they stand
     watch.lap("next views")
     records = _records(prior, scans, placed, (told, stands, settings, mismatches))
     # Drawn are the rays as the whole model has them, and what the points are held for in the end.
@@ -226,6 +228,19 @@ def _elements(
         )
         for row in rows
     )  # fmt: skip
+
+
+def _with_boxes(prior: Prior, elements: tuple[ElementVerdict, ...]) -> tuple[ElementVerdict, ...]:
+    """The same, each with the box around it."""
+    if not elements:
+        return ()
+    row = {guid: number for number, guid in enumerate(prior.building.elements.guid)}
+    triangles, wanted = prior.building.triangles, np.array([row[one.guid] for one in elements])
+    boxes = boxes_of(triangles.vertices, triangles.faces, triangles.element, wanted)
+    return tuple(
+        one._replace(box=None if box is None else box.shifted(prior.origin))
+        for one, box in zip(elements, boxes, strict=True)
+    )
 
 
 def _views(prior: Prior, placed: list[Placed], looked: list[Looked], hidden: np.ndarray) -> list[Pose | None]:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from jaxmm.files import sha256_of
 from jaxmm.formats.readers import READERS, PointScan, read_scans
 from jaxmm.formats.units import Distance
 from jaxmm.inputs import InputError
@@ -80,7 +81,8 @@ def read_prior(path: Path | str, options: ReadOptions = AS_IT_IS, *, carried: bo
             building = read_building(path, options)
         except (ValueError, ImportError) as error:
             raise InputError(str(error)) from error
-        return prior_of_building(building)._replace(file=PriorFile(path.name, kind, building.unit, building.project))
+        file = PriorFile(path.name, kind, building.unit, building.project, sha256_of(path))
+        return prior_of_building(building)._replace(file=file)
     scans = [_upright(scan, bool(options.y_up)) for scan in read_scans(path)]
     if carried:
         scans = [carried_by_file(scan) for scan in scans]
@@ -90,7 +92,9 @@ def read_prior(path: Path | str, options: ReadOptions = AS_IT_IS, *, carried: bo
     (first, *others), untold = scans, None
     if not others and first.position is not None and not first.in_world:
         untold = first.position * options.unit, first.rotation
-    return prior._replace(stray=stray, file=PriorFile(path.name, kind, options.unit), untold=untold)
+    return prior._replace(
+        stray=stray, file=PriorFile(path.name, kind, options.unit, None, sha256_of(path)), untold=untold
+    )
 
 
 def carried_by_file(scan: PointScan) -> PointScan:

@@ -10,11 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxmm.deviations.deviation import PRIVATE, Deviation
+from jaxmm.formats.dates import Taken
 from jaxmm.learning.boxes import Box, sentence
+from jaxmm.learning.element_boxes import UprightBox
 from jaxmm.rays.evidence import FRACTIONS
 from jaxmm.verdicts.verdicts import DISPLACED, PRESENT, REMOVED, STANDS, VERDICTS
 
 Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
+FORMAT = 2  # of report.json: counts up when a reader of the one before would go wrong; the first stated none
 MOST_NAMED = 5  # in notes on elements
 # Of a present element of which a part may be gone: share of the rays that tell of it, that pass, and how many at least.
 # In 1,001 verdicts of unchanged rooms and buildings, scanned as built, 8 elements have more.
@@ -29,6 +32,7 @@ class PriorFile(NamedTuple):
     kind: str  # "ifc" | "mesh" | "cloud"
     unit: float  # [m] length of its unit: an IFC file says it, for any other --prior-unit does, or how the scans fit
     project: str | None = None  # GlobalId of the IfcProject; None for all but IFC files
+    sha256: str | None = None  # of its bytes, in hexadecimal: the same model, or another state of it
 
 
 class Mismatch(NamedTuple):
@@ -64,6 +68,7 @@ class ElementVerdict(NamedTuple):
     rays: tuple[int, int, int, int]  # of the robot in the footprints of those, in the order of evidence.FRACTIONS
     next_view: Pose | None = None  # of an occluded element: the nearest free place that would show it
     deviation: Deviation | None = None  # how far off its place it stands; None where no face of it tells
+    box: UprightBox | None = None  # around it, where the model has it; None where nobody asked
 
 
 class ScanRecord(NamedTuple):
@@ -80,6 +85,7 @@ class ScanRecord(NamedTuple):
     shows: int = 0  # mismatches that some of its rays tell of
     alone: int = 0  # of those: all other scans together have too few rays to tell of so many
     doubts: tuple[str, ...] = ()  # those of its notes that say that it may be of another place, or pose
+    taken: Taken | None = None  # when; None where the scan came as arrays
 
     @property
     def doubted(self) -> bool:
@@ -118,6 +124,7 @@ class Detection(NamedTuple):
     notes: tuple[str, ...]  # what a user must know of how files were read and of what was found, a line each
     drawing: Drawing
     prior: PriorFile | None = None  # None where the prior came as arrays
+    date: str | None = None  # of what was found, as of `formats.dates`; None where nobody knows
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -223,6 +230,8 @@ def box_of(mismatch: Mismatch) -> Box:
 def to_json(detection: Detection) -> dict[str, Any]:
     """The content of report.json; valid against report_schema.json. Numbers that are not finite become null."""
     return {
+        "format": FORMAT,
+        "date": detection.date,
         "mismatches": [_mismatch(one) for one in detection.mismatches],
         "elements": [_element(one) for one in detection.elements],
         "prior": _prior(detection.prior),
@@ -252,6 +261,8 @@ def _element(one: ElementVerdict) -> dict[str, Any]:
         for private in PRIVATE:
             del deviation[private]
         told["deviation"] = deviation
+    if one.box is not None:
+        told["box"] = one.box._asdict()
     return _plain(told | {"evidence": evidence, "probability": told_probability(one.probability)})
 
 
@@ -266,7 +277,8 @@ def _prior(one: PriorFile | None) -> dict[str, Any] | None:
 
 
 def _scan(one: ScanRecord) -> dict[str, Any]:
-    return _plain(one._asdict() | {"doubted": one.doubted})
+    taken = None if one.taken is None else one.taken._asdict()
+    return _plain(one._asdict() | {"doubted": one.doubted, "taken": taken})
 
 
 def _plain(value: Any) -> Any:

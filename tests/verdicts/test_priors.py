@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from jaxmm.files import sha256_of
 from jaxmm.formats.readers import PointScan
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import read_judges
@@ -158,9 +159,11 @@ def test_the_prior_says_which_file_it_is_and_in_which_unit(tmp_path):
     np.save(tmp_path / "cloud.npy", box.sample(5000))
     box.export(tmp_path / "mesh.STL", file_type="stl")
     foot = ReadOptions(unit=0.3048)
-    assert read_prior(tmp_path / "cloud.npy").file == PriorFile("cloud.npy", "cloud", 1.0)
-    assert read_prior(tmp_path / "cloud.npy", foot).file == PriorFile("cloud.npy", "cloud", 0.3048)
-    assert read_prior(tmp_path / "mesh.STL", foot).file == PriorFile("mesh.STL", "mesh", 0.3048)
+    cloud, mesh = (sha256_of(tmp_path / name) for name in ("cloud.npy", "mesh.STL"))
+    assert cloud != mesh
+    assert read_prior(tmp_path / "cloud.npy").file == PriorFile("cloud.npy", "cloud", 1.0, None, cloud)
+    assert read_prior(tmp_path / "cloud.npy", foot).file == PriorFile("cloud.npy", "cloud", 0.3048, None, cloud)
+    assert read_prior(tmp_path / "mesh.STL", foot).file == PriorFile("mesh.STL", "mesh", 0.3048, None, mesh)
     assert prior_of_cloud(box.sample(100)).file is None
 
 
@@ -174,7 +177,8 @@ def test_an_ifc_file_says_its_unit_and_project(tmp_path, old, new, unit):
     assert old in text
     (tmp_path / "a.ifc").write_bytes(text.replace(old, new))
     guid = re.search(rb"IFCPROJECT\('([^']*)'", text)[1].decode()
-    assert read_prior(tmp_path / "a.ifc").file == PriorFile("a.ifc", "ifc", pytest.approx(unit), guid)
+    told = PriorFile("a.ifc", "ifc", pytest.approx(unit), guid, sha256_of(tmp_path / "a.ifc"))
+    assert read_prior(tmp_path / "a.ifc").file == told
 
 
 def test_a_cloud_without_points_is_no_prior():
