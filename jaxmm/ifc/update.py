@@ -32,6 +32,7 @@ class UpdateSummary(NamedTuple):
     removed: tuple[str, ...]  # elements of removed mismatches: marked, or deleted; the notes name what was not
     occluded: tuple[str, ...]  # elements marked as occluded
     added: tuple[str, ...]  # new elements, in the order of the mismatches
+    of_mismatch: dict[int, str]  # the same by their place among the mismatches
     notes: tuple[str, ...]  # what could not be done, or must be known, a sentence each
 
 
@@ -71,8 +72,9 @@ def write_update(
     updated, edits = draft.text(original, prior)
     write_with_undo(out, original, updated, edits)
     return UpdateSummary(
-        out / UPDATED, tuple(update.removed), tuple(update.occluded), tuple(update.added), tuple(update.notes)
-    )
+        out / UPDATED, tuple(update.removed), tuple(update.occluded), tuple(update.added.values()), update.added,
+        tuple(update.notes),
+    )  # fmt: skip
 
 
 class _Update:
@@ -83,7 +85,7 @@ class _Update:
         self.removed: dict[str, Any] = {}
         self.kept: set[str] = set()  # of those, what is never deleted
         self.occluded: dict[str, Any] = {}
-        self.added: dict[str, Any] = {}
+        self.added: dict[int, str] = {}  # GlobalIds by place among the mismatches
         self.notes: list[str] = []
         self._doubts = detection.doubts
         self._verdicts = {one.guid: one for one in detection.elements}
@@ -157,7 +159,7 @@ class _Update:
                 MovedFrom=self._origin(one),
             )  # fmt: skip
             set_status(self.draft, element, NEW)
-            self.added[element.GlobalId] = element
+            self.added[number - 1] = element.GlobalId
             if storey is None:
                 self.notes.append(f"{what} is on no storey: the file has none, no building and no site")
             else:
