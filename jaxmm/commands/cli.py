@@ -40,8 +40,8 @@ POSE = (
     "the right side down"
 )
 SCAN_FILES = (
-    ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic) or .csv: the returns with the element of each; "
-    ".npz: every ray, returned or not, and a table of the elements"
+    ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic), .las, .laz or .csv: the returns with the element of "
+    "each; .npz: every ray, returned or not, and a table of the elements"
 )
 
 
@@ -276,12 +276,14 @@ def _scan(options: argparse.Namespace) -> None:
     building = opened(options.scene, reading)
     scan = scan_of(building, pose, sensor, options.seed)
     check_returns(scan, options.pose, options.scene)
-    writers.write_scan(options.out, scan)
+    _, *moved = writers.write_scan(options.out, scan)
     hits, rays = int(np.isfinite(scan.distance).sum()), len(scan.distance)
     for remark in remarks(building):
         print(remark)
     if hits < FEW_RETURNS * rays:
         print(f"note: only {hits / rays:.1%} of the rays return; is the sensor inside of something, or far away?")
+    for beside in moved:
+        print(f"in single precision, moved by the kilometres in its name: {beside}")
     print(f"{hits} returns of {rays} rays, {len(set(scan.element[scan.element >= 0]))} elements: {options.out}")
 
 
