@@ -5,6 +5,7 @@ work failed.
 """
 
 import argparse
+import os
 import sys
 import traceback
 import warnings
@@ -15,6 +16,7 @@ from typing import NoReturn
 
 from jaxmm.commands import detect_options
 from jaxmm.config import CONDITIONS, SCENARIOS
+from jaxmm.devices import check_devices
 from jaxmm.files import check_writable
 from jaxmm.inputs import InputError
 
@@ -26,6 +28,7 @@ WRITERS = (
     "detect",
     "revert",
 )  # commands for which a file that cannot be written is the user's to put right
+WITHOUT_JAX = ("scan", "revert")
 _AGAIN = "the same command again goes on"
 GOES_ON = {  # what to say of an interrupted command that keeps what it has done; others write all at their end
     "reproduce": _AGAIN, "generate": _AGAIN, "evaluate": _AGAIN, "train": "the same command with --resume goes on",
@@ -52,6 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     later stays unheard.
     """
     options = _parser().parse_args(_glued(sys.argv[1:] if arguments is None else arguments))
+    if arguments is None:
+        os.environ["JAX_ENABLE_X64"] = "0"  # our models are of single precision, and JAX is not yet there
     if arguments is None and not options.debug:
         # Threads that write checkpoints go on to complain for themselves about an error that is told below, some of
         # them after it was told, so nothing is put back; and a compilation cache that cannot be used costs time only.
@@ -74,6 +79,8 @@ def _glued(arguments: Sequence[str]) -> list[str]:
 
 def _run(options: argparse.Namespace) -> int:
     try:
+        if options.command not in WITHOUT_JAX:
+            check_devices()
         options.run(options)
     except KeyboardInterrupt:
         return _failed(options, f"interrupted; {GOES_ON.get(options.command, 'nothing was written')}", 1)

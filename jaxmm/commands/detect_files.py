@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import jaxmm.reports.notebook  # noqa: F401 - with it, notebooks show a detection
+from jaxmm.devices import single_precision
 from jaxmm.files import check_empty, write_folder
 from jaxmm.formats.bags import is_bag
 from jaxmm.formats.poses import SEARCH, AskedPose, GivenPose
@@ -66,6 +67,7 @@ class Reading:
             raise InputError(f"--unit: expected a length in metres above 0, got {self.unit:g}")
 
 
+@single_precision()
 def detect(
     prior: Path | str,
     scans: Sequence[Path | str] | Path | str,
