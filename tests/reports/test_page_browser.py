@@ -308,5 +308,10 @@ def test_browser_fits_a_phone(driver, case, tmp_path):
                 touch = {"type": f"touch{kind}", "touchPoints": points}
                 driver.execute_cdp_cmd("Input.dispatchTouchEvent", touch)
             assert (apart() > 1.3 * before).all()  # two fingers went twice as far apart
+            page.run("document.querySelector('#mismatches button').click()")
+            page.settle()
+            shown = "return ['stage', 'chosen'].map((id) => document.getElementById(id).getBoundingClientRect())"
+            stage, panel = page.run(shown)
+            assert 0 <= stage["top"] < stage["bottom"] <= panel["top"] < panel["bottom"] <= PHONE["height"]
     finally:
         driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})

@@ -132,6 +132,9 @@ function choose(guid, mismatch) {
     painter.pointedAt(pointedAt());
   }
   refresh();
+  // On a small screen what is chosen is told below the view.
+  const isSmall = window.matchMedia("(max-width: 900px)").matches;
+  if (isSmall && (guid !== null || mismatch >= 0)) byId("stage").scrollIntoView?.({ block: "start" });
 }
 
 /** What has an arrow: displaced elements, and the chosen one if it was measured. */
