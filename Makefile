@@ -77,6 +77,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.clouds --out runs/clouds
 	$(BIN)/python -m benchmarks.rivals --out runs/rivals.json
 	$(BIN)/python -m benchmarks.large_scans
+	$(BIN)/python -m benchmarks.clients --out runs/clients.json
 ifneq ($(wildcard $(JAXMM_DATA)/ifc),)
 	$(BIN)/python -m benchmarks.buildings $(JAXMM_DATA)/ifc --out runs/buildings
 	$(BIN)/python -m benchmarks.progress $(JAXMM_DATA)/ifc --out runs/progress
@@ -94,7 +95,7 @@ endif
 
 # Every benchmark at its smallest size, to see that all still run: five minutes. Exit code 2 says that files are missing.
 bench-smoke: setup-peers
-	@for file in $$(grep -l __main__ benchmarks/*.py); do \
+	@for file in $$(grep -l __main__ benchmarks/*.py) $$(dirname benchmarks/*/__main__.py); do \
 		name=$$(basename $$file .py); echo "== benchmarks.$$name"; \
 		$(BIN)/python -m benchmarks.$$name --smoke || [ $$? -eq 2 ] || exit 1; \
 	done

@@ -5,6 +5,7 @@ that the work failed.
 """
 
 import argparse
+import os
 import sys
 import traceback
 import warnings
@@ -15,6 +16,7 @@ from typing import NoReturn
 
 from jaxmm.commands import detect_options, progress_options
 from jaxmm.config import CONDITIONS, SCENARIOS
+from jaxmm.devices import check_devices
 from jaxmm.files import check_writable
 from jaxmm.inputs import InputError
 
@@ -27,6 +29,7 @@ WRITERS = (
     "progress",
     "revert",
 )  # commands for which a file that cannot be written is the user's to put right
+WITHOUT_JAX = ("scan", "revert")
 _AGAIN = "the same command again goes on"
 GOES_ON = {  # what to say of an interrupted command that keeps what it has done; others write all at their end
     "reproduce": _AGAIN, "generate": _AGAIN, "evaluate": _AGAIN, "train": "the same command with --resume goes on",
@@ -41,8 +44,8 @@ POSE = (
     "the right side down"
 )
 SCAN_FILES = (
-    ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic) or .csv: the returns with the element of each; "
-    ".npz: every ray, returned or not, and a table of the elements"
+    ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic), .las, .laz or .csv: the returns with the element of "
+    "each; .npz: every ray, returned or not, and a table of the elements"
 )
 
 
@@ -53,6 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     later stays unheard.
     """
     options = _parser().parse_args(_glued(sys.argv[1:] if arguments is None else arguments))
+    if arguments is None:
+        os.environ["JAX_ENABLE_X64"] = "0"  # our models are of single precision, and JAX is not yet there
     if arguments is None and not options.debug:
         # Threads that write checkpoints go on to complain for themselves about an error that is told below, some of
         # them after it was told, so nothing is put back; and a compilation cache that cannot be used costs time only.
@@ -75,6 +80,8 @@ def _glued(arguments: Sequence[str]) -> list[str]:
 
 def _run(options: argparse.Namespace) -> int:
     try:
+        if options.command not in WITHOUT_JAX:
+            check_devices()
         options.run(options)
     except KeyboardInterrupt:
         return _failed(options, f"interrupted; {GOES_ON.get(options.command, 'nothing was written')}", 1)
@@ -279,12 +286,14 @@ def _scan(options: argparse.Namespace) -> None:
     building = opened(options.scene, reading)
     scan = scan_of(building, pose, sensor, options.seed)
     check_returns(scan, options.pose, options.scene)
-    writers.write_scan(options.out, scan)
+    _, *moved = writers.write_scan(options.out, scan)
     hits, rays = int(np.isfinite(scan.distance).sum()), len(scan.distance)
     for remark in remarks(building):
         print(remark)
     if hits < FEW_RETURNS * rays:
         print(f"note: only {hits / rays:.1%} of the rays return; is the sensor inside of something, or far away?")
+    for beside in moved:
+        print(f"in single precision, moved by the kilometres in its name: {beside}")
     print(f"{hits} returns of {rays} rays, {len(set(scan.element[scan.element >= 0]))} elements: {options.out}")
 
 

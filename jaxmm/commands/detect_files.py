@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import jaxmm.reports.notebook  # noqa: F401 - with it, notebooks show a detection
+from jaxmm.devices import single_precision
 from jaxmm.files import check_empty, write_folder
 from jaxmm.formats.bags import is_bag
 from jaxmm.formats.dates import latest, parse_date, taken_of
@@ -22,7 +23,7 @@ from jaxmm.inputs import InputError, Misfit, clipped
 from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
-from jaxmm.reports.bcf import write_bcf
+from jaxmm.reports.bcf import VERSIONS, write_bcf
 from jaxmm.reports.detection_figures import write_figures
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
@@ -67,6 +68,7 @@ class Reading:
             raise InputError(f"--unit: expected a length in metres above 0, got {self.unit:g}")
 
 
+@single_precision()
 def detect(
     prior: Path | str,
     scans: Sequence[Path | str] | Path | str,
@@ -142,7 +144,13 @@ def detect(
 
 
 def write_all(
-    detection: Detection, prior: Path | str, out: Path | str, *, apply: bool = False, as_built: bool = False
+    detection: Detection,
+    prior: Path | str,
+    out: Path | str,
+    *,
+    apply: bool = False,
+    as_built: bool = False,
+    bcf: str = VERSIONS[0],
 ) -> list[str]:
     """Write every output into a new folder, whole or not at all; returns what is to be said about it, a line each.
 
@@ -151,6 +159,7 @@ def write_all(
         prior: its file; an IFC file is also written anew with the changes marked, or made.
         out: folder that does not exist yet, or is empty.
         apply: delete removed elements instead of marking them; not while a scan may be of another place or pose.
+        bcf: version of mismatches.bcf, "3.0" or "2.1".
         as_built: of an IFC file, also write the model with displaced elements where they were measured; likewise.
 
     Raises:
@@ -163,11 +172,14 @@ def write_all(
     def write(work: Path) -> None:
         write_figures(work, detection)
         write_page(work / "report.html", detection)
-        write_bcf(work / "mismatches.bcf", detection, project=prior.stem)
+        new = {}
         if prior.suffix.lower() == ".ifc":
-            said.extend(write_update(prior, detection, work, apply=apply).notes)
+            update = write_update(prior, detection, work, apply=apply)
+            new = update.of_mismatch
+            said.extend(update.notes)
             if as_built:
                 said.extend(write_as_built(prior, detection, work))
+        write_bcf(work / "mismatches.bcf", detection, prior.stem, version=bcf, new=new)
         timing = detection.timing | {"writing": time.perf_counter() - start}
         write_plain(work, detection._replace(timing=timing))
         if not write_workbook(work / WORKBOOK, detection):

@@ -27,6 +27,7 @@ DATE = (
     "when the scans were taken, as 2026-03-02 or 2026-03-02T14:30 (UTC), for jaxmm progress; default: what the scan "
     "files say (E57, LAS), or else when they were last changed"
 )
+BCF = "version of mismatches.bcf; 2.1 for tools that do not read 3.0, the default"
 SETTINGS = (
     'any field of jaxmm/verdicts/settings.py, as TOML: classes = ["wall"], or of a table in it: objects.threshold = 0.4'
 )
@@ -56,6 +57,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--date", metavar="DATE", help=DATE)
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
     command.add_argument("--as-built", action="store_true", help=AS_BUILT)
+    command.add_argument("--bcf", choices=("3.0", "2.1"), default="3.0", help=BCF)
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
     command.add_argument("--frame", choices=("world", "sensor", "optical"), help=FRAMES)
     command.add_argument("--topic", metavar="NAME", help="of the clouds in bags; default: the only one that there is")
@@ -113,7 +115,9 @@ def detect(options: argparse.Namespace) -> None:
     )  # fmt: skip
     for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
         print(note)
-    said = detect_files.write_all(detection, options.prior, options.out, apply=options.apply, as_built=options.as_built)
+    said = detect_files.write_all(
+        detection, options.prior, options.out, apply=options.apply, as_built=options.as_built, bcf=options.bcf
+    )
     for line in (*said, *sentences_of(detection), detection.summary()):
         print(line)
     print(f"reports: {options.out}")

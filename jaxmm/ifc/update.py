@@ -1,8 +1,8 @@
 """`updated.ifc`: the building model with what a detection found written into it.
 
-Removed elements are marked, or deleted when asked; occluded and displaced ones are marked; added objects become walls
-and columns. Every element whose place was measured is told how far off it is. All others are not touched, and the file
-that was read is never written to.
+Removed elements are marked and painted, or deleted when asked; occluded and displaced ones are marked; added objects
+become painted walls and columns. Every element whose place was measured is told how far off it is. All others are not
+touched, and the file that was read is never written to.
 """
 
 import math
@@ -10,6 +10,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from jaxmm.ifc.colours import ADDED as PAINT_ADDED
+from jaxmm.ifc.colours import REMOVED as PAINT_REMOVED
+from jaxmm.ifc.colours import Painter
 from jaxmm.ifc.deviations import told_of, units_of
 from jaxmm.ifc.draft import Draft, open_draft
 from jaxmm.ifc.marks import DEMOLISH, DEVIATION_SET, NEW, mark, set_status, set_uncertainty
@@ -32,6 +35,7 @@ class UpdateSummary(NamedTuple):
     removed: tuple[str, ...]  # elements of removed mismatches: marked, or deleted; the notes name what was not
     occluded: tuple[str, ...]  # elements marked as occluded
     added: tuple[str, ...]  # new elements, in the order of the mismatches
+    of_mismatch: dict[int, str]  # the same by their place among the mismatches
     notes: tuple[str, ...]  # what could not be done, or must be known, a sentence each
 
 
@@ -71,8 +75,9 @@ def write_update(
     updated, edits = draft.text(original, prior)
     write_with_undo(out, original, updated, edits)
     return UpdateSummary(
-        out / UPDATED, tuple(update.removed), tuple(update.occluded), tuple(update.added), tuple(update.notes)
-    )
+        out / UPDATED, tuple(update.removed), tuple(update.occluded), tuple(update.added.values()), update.added,
+        tuple(update.notes),
+    )  # fmt: skip
 
 
 class _Update:
@@ -83,9 +88,9 @@ class _Update:
         self.removed: dict[str, Any] = {}
         self.kept: set[str] = set()  # of those, what is never deleted
         self.occluded: dict[str, Any] = {}
-        self.added: dict[str, Any] = {}
+        self.added: dict[int, str] = {}  # GlobalIds by place among the mismatches
         self.notes: list[str] = []
-        self._doubts = detection.doubts
+        self._doubts, self._painter = detection.doubts, Painter(draft)
         self._verdicts = {one.guid: one for one in detection.elements}
         # Not by the library's index: that finds no GlobalId that is malformed.
         self._entities: dict[str, list[Any]] = {}
@@ -111,6 +116,7 @@ class _Update:
             if one.element in self.kept or not apply:
                 self._mark(element, REMOVED, one.probability, ObservableFraction=_known(one.observable_fraction))
                 set_status(self.draft, element, DEMOLISH)
+                self._paint(element, PAINT_REMOVED)
         for one in self.detection.elements:
             if one.verdict == REMOVED and one.guid not in self.removed:
                 self._mark_verdict(one)
@@ -157,7 +163,8 @@ class _Update:
                 MovedFrom=self._origin(one),
             )  # fmt: skip
             set_status(self.draft, element, NEW)
-            self.added[element.GlobalId] = element
+            self._paint(element, PAINT_ADDED)
+            self.added[number - 1] = element.GlobalId
             if storey is None:
                 self.notes.append(f"{what} is on no storey: the file has none, no building and no site")
             else:
@@ -178,6 +185,10 @@ class _Update:
                 what += " and marked"
             self.notes.append(what)
         delete(self.draft, going)
+
+    def _paint(self, element: Any, name: str) -> None:
+        if not self._painter.paint(element, name):
+            self.notes.append(f"{_named(element)} keeps its colour: its shape is that of other elements, too")
 
     def _mark_verdict(self, one: ElementVerdict) -> bool:
         element = self._find(one.guid, f"an element called {one.verdict}")

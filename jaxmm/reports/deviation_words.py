@@ -105,11 +105,14 @@ def turn_in_words(one: Deviation) -> str:
     if not one.worst - one.half > abs(one.distance) + LEAST_SECOND:
         return ""
     turn, lean = (0.0 if value is None or not math.isfinite(value) else value for value in (one.turn, one.lean))
-    ways = [f"turned by {abs(turn):.1f}° {'counter-clockwise' if turn > 0.0 else 'clockwise'}"]
-    how = " and ".join(
-        way for way, size in zip((*ways, f"leaning by {abs(lean):.1f}°"), (turn, lean), strict=True) if abs(size) > 0.1
-    )
+    ways = (turned_by(turn), f"leaning by {abs(lean):.1f}°")
+    how = " and ".join(way for way, size in zip(ways, (turn, lean), strict=True) if abs(size) > 0.1)
     return f", {how or 'bent'}: {millimetres(one.worst, one.half)} mm off at its ends"
+
+
+def turned_by(turn: float, digits: int = 1) -> str:
+    """A turn [deg] about the vertical, counter-clockwise positive: "turned by 77.0° clockwise"."""
+    return f"turned by {abs(turn):.{digits}f}° {'counter-clockwise' if turn > 0.0 else 'clockwise'}"
 
 
 def place_in_words(one: ElementVerdict) -> str:

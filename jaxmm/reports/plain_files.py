@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxmm.deviations.deviation import Deviation
 from jaxmm.files import write_atomically, write_json, write_text
+from jaxmm.formats.cloud_files import write_ply
 from jaxmm.rays.evidence import BLOCKED, FRACTIONS, SUPPORT, THROUGH, UNSEEN
 from jaxmm.reports.deviation_words import displaced, measured, offset_in_words, place_in_words, span_of
 from jaxmm.reports.markdown import as_markdown, printable
@@ -43,14 +44,10 @@ ELEMENT_COLUMNS = (
     *(f"rays_{name}" for name in FRACTIONS), *(f"next_view_{name}" for name in POSITION), "next_view_yaw [deg]",
     "next_view_pitch [deg]", *DEVIATION_COLUMNS,
 )  # fmt: skip
-PLY_FIELDS = [
-    *((name, "<f8", "double") for name in "xyz"), *((name, "u1", "uchar") for name in ("red", "green", "blue")),
-    ("probability", "<f4", "float"), ("side", "u1", "uchar"),
-]  # fmt: skip
 
 
 def write_plain(folder: Path, detection: Detection) -> None:
-    """Write PLAIN_FILES; the last only where the prior has a surface.
+    """Write PLAIN_FILES; the last only where the prior has a surface; and the moved PLY files of far coordinates.
 
     Args:
         folder: exists; older files of these names are replaced, each in one move.
@@ -128,56 +125,48 @@ def _deviation(one: Deviation | None) -> list[Any]:
     return [*along, one.distance, *span_of(one), *one.direction, *told]
 
 
-def write_mismatch_points(path: Path, detection: Detection) -> None:
-    """Write the points of both sides as a PLY file: binary, little endian, with double coordinates.
+def write_mismatch_points(path: Path, detection: Detection) -> tuple[Path, ...]:
+    """Write the points of both sides as a PLY file, see formats.cloud_files; returns the files.
 
     Blue points show something added, vermillion ones something removed; all others are grey, the darker the less a ray
-    met them (see GREYS). `probability` is that of the point; `side` is 0 for the robot's points, 1 for the prior's.
+    met them (see GREYS). `scalar_probability` is that of the point; `scalar_side` is 0 for the robot's points, 1 for
+    the prior's.
     """
     drawing, shown = detection.drawing, mismatch_points(detection)
     count = len(drawing.robot)
-    table = np.zeros(count + len(drawing.prior), [(name, kind) for name, kind, _ in PLY_FIELDS])
+    points = np.concatenate([drawing.robot, drawing.prior]).astype(np.float64) + drawing.origin
+    color = np.zeros((len(points), 3), np.uint8)
     sides = (
-        (table[:count], drawing.robot, drawing.robot_probability, drawing.robot_evidence, shown.robot, ADDED_COLOR),
-        (table[count:], drawing.prior, drawing.prior_probability, drawing.prior_evidence, shown.prior, REMOVED_COLOR),
+        (color[:count], drawing.robot_evidence, shown.robot, ADDED_COLOR),
+        (color[count:], drawing.prior_evidence, shown.prior, REMOVED_COLOR),
     )
     grey = np.array([GREYS[index] for index in range(len(FRACTIONS))], np.uint8)
-    for side, (rows, points, probability, evidence, mismatch, color) in enumerate(sides):
-        for axis, name in enumerate("xyz"):
-            rows[name] = drawing.origin[axis] + points[:, axis].astype(np.float64)
-        for name, value in zip(("red", "green", "blue"), color, strict=True):
-            rows[name] = np.where(mismatch >= 0, value, grey[evidence])
-        rows["probability"], rows["side"] = probability, side
-    properties = "".join(f"property {kind} {name}\n" for name, _, kind in PLY_FIELDS)
-    header = (
-        "ply\nformat binary_little_endian 1.0\n"
-        "comment metres, z up; blue: added, vermillion: removed, grey: unchanged or not told\n"
-        "comment side 0: measured by the robot, 1: of the building model\n"
-        f"element vertex {len(table)}\n{properties}end_header\n"
-    )
-    write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))
+    for rows, evidence, mismatch, own in sides:
+        rows[:] = np.where((mismatch >= 0)[:, None], np.array(own, np.uint8), grey[evidence][:, None])
+    fields = dict(zip(("red", "green", "blue"), color.T, strict=True)) | {
+        "scalar_probability": np.concatenate([drawing.robot_probability, drawing.prior_probability]).astype(np.float32),
+        "scalar_side": (np.arange(len(points)) >= count).astype(np.uint8),
+    }
+    return write_ply(path, points, fields, (
+        "metres, z up; blue: added, vermillion: removed, grey: unchanged or not told",
+        "side 0: measured by the robot, 1: of the building model",
+    ))  # fmt: skip
 
 
-def write_points(path: Path, detection: Detection) -> None:
+def write_points(path: Path, detection: Detection) -> tuple[Path, ...]:
     """Write the robot's points with their signed distances to the model's surface; nothing where it has none.
 
-    Binary, little endian, with double coordinates. `scalar_distance` [m] is positive before the surface, as seen from
-    where the point was measured, negative behind it; CloudCompare takes it for a scalar field.
+    `scalar_distance` [m] is positive before the surface, as seen from where the point was measured, negative behind it;
+    `scalar_scan` counts the scans from 1. CloudCompare takes both for scalar fields.
     """
     distance, drawing = signed_distances(detection), detection.drawing
     if distance is None:
-        return
-    fields = [*((name, "<f8", "double") for name in "xyz"), ("scalar_distance", "<f4", "float"), ("scan", "<i4", "int")]
-    table = np.zeros(len(distance), [(name, kind) for name, kind, _ in fields])
-    for axis, name in enumerate("xyz"):
-        table[name] = drawing.origin[axis] + drawing.robot[:, axis].astype(np.float64)
-    table["scalar_distance"], table["scan"] = distance, drawing.robot_scan + 1
-    properties = "".join(f"property {kind} {name}\n" for name, _, kind in fields)
-    header = (
-        "ply\nformat binary_little_endian 1.0\ncomment metres, z up; distance to the model, before it positive\n"
-        f"element vertex {len(table)}\n{properties}end_header\n"
-    )
-    write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))
+        return ()
+    points = drawing.origin + drawing.robot.astype(np.float64)
+    fields = {
+        "scalar_distance": distance.astype(np.float32), "scalar_scan": (drawing.robot_scan + 1).astype(np.int32),
+    }  # fmt: skip
+    return write_ply(path, points, fields, ["metres, z up; distance to the model, before it positive"])
 
 
 def as_csv(columns: Iterable[str], rows: Iterable[list]) -> str:

@@ -13,7 +13,7 @@ from tests.test_imports import ROOT
 JSON, FOLDER, FILE, NOTHING = "--json file", "--out folder", "--out file", "nothing"
 # What each benchmark writes.
 WRITES = {
-    "ablation": FOLDER, "accuracy": FOLDER, "buildings": FOLDER, "clouds": FOLDER, "detect": JSON,
+    "ablation": FOLDER, "accuracy": FOLDER, "buildings": FOLDER, "clients": FILE, "clouds": FOLDER, "detect": JSON,
     "detections": FOLDER, "deviations": JSON, "growth": JSON, "large_scans": JSON, "latency": JSON, "matrix": JSON,
     "mirrors": JSON, "neighbours": JSON, "objects": FOLDER, "outdoors": FOLDER, "pairs": JSON, "peak": NOTHING,
     "pillars": FILE, "pose_search": JSON, "poses": JSON, "progress": FOLDER, "rays": JSON, "reality": JSON,
@@ -27,7 +27,9 @@ NUMBERS = ("ours", "peer", "ratio")
 
 
 def benchmarks_with_a_main():
-    return {path.stem for path in (ROOT / "benchmarks").glob("*.py") if "__main__" in path.read_text(encoding="utf-8")}
+    folder = ROOT / "benchmarks"
+    files = {path.stem for path in folder.glob("*.py") if "__main__" in path.read_text(encoding="utf-8")}
+    return files | {path.parent.name for path in folder.glob("*/__main__.py")}
 
 
 def test_no_benchmark_is_left_out():

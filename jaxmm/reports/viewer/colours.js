@@ -1,6 +1,8 @@
 // Colours that are told apart with every kind of colour blindness (M. Okabe and K. Ito, 2008), and signs beside them.
 
-const INK = "#1d2329";
+/** A colour of the page's style, as it is now: a page turns dark with the system. */
+const ofStyle = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const ink = () => ofStyle("--ink");
 const ADDED = "#0072b2";
 const REMOVED = "#d55e00";
 /** By verdict: its colour, how strongly its surfaces are filled, and a sign for where colour is not seen. */
@@ -18,12 +20,12 @@ const EVIDENCE = { through: REMOVED, support: "#009e73", blocked: "#cc79a7", uns
 /** Points from probability 0 to 1. */
 const ROBOT_RAMP = ["#7d8894", ADDED];
 const PRIOR_RAMP = ["#b9b2a3", REMOVED];
-const SCANS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#a89c00", "#1d2329"];
+const SCANS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#a89c00", "#8a5a44"];
 
 /** What points may be coloured by; the last where there are several scans. */
 const MODES = ["probability", "evidence", "scan"];
 
-const scanTint = (scan) => (report.scans.length > 1 ? SCANS[scan % SCANS.length] : INK);
+const scanTint = (scan) => (report.scans.length > 1 ? SCANS[scan % SCANS.length] : ink());
 /** What elements may be coloured by: their verdict, or how far off its place each stands. */
 const TINTINGS = ["verdict", "deviation"];
 /** What they are coloured by now; the controls change it. The tolerance [m] matters to deviations only. */

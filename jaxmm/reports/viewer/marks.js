@@ -1,6 +1,7 @@
 // What is drawn on top of clouds and surfaces: boxes of mismatches, sensors, proposed views, and the grid on the floor.
 
 const LINE = 8; // numbers of a line: start, end, colour, dash
+const LINES_A_ROW = 1024; // of the texture that holds them; the shader says the same
 const DASH = 0.24; // [m] of dash and gap
 
 /** Append a line between two places; `ink` as `packed` gives it, `dash` [m], 0 for a solid one. */
@@ -13,7 +14,7 @@ function lineBytes(lines) {
   const numbers = new Float32Array(lines);
   const bytes = new Uint32Array(numbers.buffer);
   for (let i = 6; i < lines.length; i += LINE) bytes[i] = lines[i];
-  return numbers;
+  return bytes;
 }
 
 /** Corners of a mismatch's footprint, counter-clockwise: 4 of a rectangle, 32 of a round one; [x, y] offsets. */

@@ -30,7 +30,7 @@ function mismatchPairs(index, actions) {
     ["centre", metres(one.center)],
     ["size", sizes(one)],
     ["", one.measured.every(Boolean) ? null : data.words.assumed],
-    ["turned", one.rotation ? `${one.rotation.toFixed(1)}°` : null],
+    ["turned", one.rotation ? turnWords(one.rotation, 1) : null],
     ["footprint", one.object_type === "pillar" ? one.shape : null],
     ["observable", one.observable_fraction === null ? null : `${Math.round(100 * one.observable_fraction)} %`],
     ["moved from", source === null ? null : origin()],
@@ -62,16 +62,17 @@ function elementNodes(guid, named) {
 function offsetNodes(one) {
   const [told, off] = [one.deviation, offOfGuid.get(one.guid)];
   if (!told || !off) return [];
-  const inMillimetres = (value) => (1000 * value).toFixed(off.half < 0.0005 ? 1 : 0);
+  const inMillimetres = (value) => fixed(1000 * value, off.half < 0.0005 ? 1 : 0);
   const axes = ["x", "y", "z"].map((name, axis) => {
     const span = told.interval[axis];
     if (span === null) return [name, "nothing that was seen fixes it"];
     return [name, `${inMillimetres(told.offset[axis])} mm (${span.map(inMillimetres).join(" to ")})`];
   });
-  const angle = (value) => (value === null ? null : `${value.toFixed(2)}°`);
   return [
     pairs([
-      ["off its place", off.words], ...axes, ["turned", angle(told.turn)], ["leans", angle(told.lean)],
+      ["off its place", off.words], ...axes,
+      ["turned", told.turn === null ? null : turnWords(told.turn, 2)],
+      ["leans", told.lean === null ? null : `${told.lean.toFixed(2)}°`],
       ["flatness", told.flatness === null ? null : `${(1000 * told.flatness).toFixed(1)} mm`],
       ["classes", `${told.classes.loa}, DIN 18202: ${told.classes.din18202}`],
       ["told by", plural(told.rays, "ray")],
@@ -108,7 +109,7 @@ function showMismatches(state, actions) {
     const look = `${one.mismatch_type}${index === state.mismatch ? " chosen" : ""}`;
     const click = () => { actions.chooseMismatch(index); actions.look(); };
     const button = make("button", { class: look, click, "aria-pressed": String(index === state.mismatch) },
-      `${index + 1}. ${report.sentences[index]}`, make("small", {}, `probability ${chance(one.probability)}${seen}`));
+      `${index + 1}. ${mismatchWords(one)}`, make("small", {}, `probability ${chance(one.probability)}${seen}`));
     return make("li", {}, button);
   });
   byId("mismatches").replaceChildren(...(rows.length ? rows : [make("li", {}, "No mismatch was found.")]));

@@ -13,13 +13,31 @@ function cornersOf() {
   return place;
 }
 
-/** The colour of each of those corners. */
-function tintsOf() {
+/** The colour of each of those corners `place`, in the light that falls on its triangle. */
+function tintsOf(place) {
   const tint = new Uint32Array(3 * triangleCount);
   data.guid.forEach((guid, element) => {
     const look = lookOf(guid);
     tint.fill(packed(look.tint, look.fill), 3 * arrays.first[element], 3 * arrays.first[element + 1]);
   });
+  return lit(tint, place);
+}
+
+const SUN = [0.4161, 0.26, 0.8715]; // unit vector to the light
+
+/** Colours of corners `place`, three a triangle, darkened by how its triangle lies to the light, in place. */
+function lit(tint, place) {
+  const v = place;
+  for (let i = 0, at = 0; i < tint.length; i += 3, at += 9) {
+    const [ux, uy, uz] = [v[at + 3] - v[at], v[at + 4] - v[at + 1], v[at + 5] - v[at + 2]];
+    const [wx, wy, wz] = [v[at + 6] - v[at], v[at + 7] - v[at + 1], v[at + 8] - v[at + 2]];
+    const [x, y, z] = [uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx];
+    const size = Math.sqrt(x * x + y * y + z * z) || 1;
+    const light = 0.72 + (0.28 * Math.abs(x * SUN[0] + y * SUN[1] + z * SUN[2])) / size;
+    const ink = tint[i];
+    const [red, green, blue] = [ink & 255, (ink >> 8) & 255, (ink >> 16) & 255].map((one) => Math.round(light * one));
+    tint.fill(((ink & 0xff000000) | (blue << 16) | (green << 8) | red) >>> 0, i, i + 3);
+  }
   return tint;
 }
 

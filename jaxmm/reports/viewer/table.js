@@ -12,7 +12,7 @@ const COLUMNS = [
   ["GlobalId", "", (one) => make("code", {}, one.guid)],
 ];
 
-const offCell = (off) => (off ? (1000 * off.distance).toFixed(1) : "");
+const offCell = (off) => (off ? fixed(1000 * off.distance, 1) : "");
 
 /** What asks most for attention comes first. */
 function orderedElements() {

@@ -14,6 +14,9 @@ const reach = reachOf(painter?.bounds ?? []);
 let camera = overview(state.cut, aspect());
 let flight = null; // {from, to, start} while the camera moves by itself
 let waiting = false; // for the next frame
+let detail = 0; // row of DETAILS that is drawn while the camera moves: what the machine can draw in time
+let coarse = false; // whether the last picture was drawn so
+let settling = null; // timer of the whole picture that follows when the camera stands still
 let planned = null; // level [m] at which the painter cut floor plan and boxes
 let lastClick = null; // {x, y, camera, met, turn}: clicking again goes on to what lies behind
 
@@ -43,12 +46,29 @@ const drawnHeights = () => (state.layers.ceiling ? EVERYWHERE : [data.frame.unde
 function move(to) {
   flight = null;
   camera = to;
+  settle();
   redraw();
+}
+
+const [SLOW, QUICK] = [70, 15]; // [ms] of a picture: slower ones are drawn coarser while the camera moves, or finer
+const REST = 250; // [ms] after which the camera stands still
+
+/** All of it is drawn once the camera stands still. */
+function settle() {
+  window.clearTimeout(settling);
+  settling = window.setTimeout(() => { settling = null; if (coarse) redraw(); }, REST);
+}
+
+/** How long a picture of the moving camera took [ms] decides how much of the next one is drawn. */
+function adapt(took) {
+  if (took > SLOW) detail = Math.min(DETAILS.length - 1, detail + (took > 3 * SLOW ? 2 : 1));
+  else if (took < QUICK) detail = Math.max(0, detail - 1);
 }
 
 function fly(to) {
   if (window.matchMedia("(prefers-reduced-motion: reduce)").matches) return move(to);
   flight = { from: camera, to, start: performance.now() };
+  settle();
   return redraw();
 }
 
@@ -62,6 +82,7 @@ function redraw() {
       const part = Math.min(1, Math.max(0, (now - flight.start) / 450));
       camera = part === 1 ? flight.to : between(flight.from, flight.to, part * part * (3 - 2 * part));
       if (part === 1) flight = null;
+      settle();
     }
     paint();
     if (flight) redraw();
@@ -69,11 +90,15 @@ function redraw() {
 }
 
 function paint() {
-  const ratio = fitted(canvas);
+  const moving = settling !== null;
+  const shown = moving ? detail : 0;
+  coarse = shown > 0;
+  const ratio = fitted(canvas, DETAILS[shown].share);
   const between = drawnHeights();
   if (planned !== between[1]) painter.cutAt((planned = between[1]));
   const matrix = matrixOf(camera, aspect(), reach);
-  painter.draw(state, { matrix: new Float32Array(matrix), eye: axesOf(camera).eye, ratio, between });
+  painter.draw(state, { matrix: new Float32Array(matrix), eye: axesOf(camera).eye, ratio, between, detail: shown });
+  if (moving) timed(painter.gl, adapt);
   placeLabels(labels, matrix, [canvas.clientWidth, canvas.clientHeight], state.mismatch);
   showScale((2 * camera.distance * Math.tan(FIELD / 2)) / canvas.clientHeight, painter.grid.step);
 }
@@ -107,6 +132,9 @@ function choose(guid, mismatch) {
     painter.pointedAt(pointedAt());
   }
   refresh();
+  // On a small screen what is chosen is told below the view.
+  const isSmall = window.matchMedia("(max-width: 900px)").matches;
+  if (isSmall && (guid !== null || mismatch >= 0)) byId("stage").scrollIntoView?.({ block: "start" });
 }
 
 /** What has an arrow: displaced elements, and the chosen one if it was measured. */
@@ -184,7 +212,7 @@ function openHook() {
   };
   const told = {
     selected: () => state.guid, selectedMismatch: () => (state.mismatch < 0 ? null : state.mismatch),
-    still: () => !flight && !waiting,
+    still: () => !flight && !waiting && settling === null,
   };
   for (const [name, get] of Object.entries(told)) Object.defineProperty(hook, name, { enumerable: true, get });
   Object.defineProperties(window.jaxmm, Object.getOwnPropertyDescriptors(hook));
@@ -200,5 +228,6 @@ showDetails();
 openHook();
 if (painter) painter.pointedAt(pointedAt());
 new ResizeObserver(redraw).observe(canvas);
+window.matchMedia("(prefers-color-scheme: dark)").addEventListener?.("change", retint);
 refresh();
 window.jaxmm.ready = true;
