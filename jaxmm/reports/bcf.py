@@ -20,6 +20,7 @@ from jaxmm.reports.bcf_topics import (
     PRIORITIES,
     TOPIC_TYPES,
     Topic,
+    files_about,
     global_id,
     is_global_id,
     legal,
@@ -28,7 +29,7 @@ from jaxmm.reports.bcf_topics import (
     topics_of,
 )
 from jaxmm.reports.snapshots import ASPECT_RATIO, COLORS, EDGES, FIELD_OF_VIEW, corners_of, snapshot
-from jaxmm.verdicts.results import Detection, PriorFile
+from jaxmm.verdicts.results import Detection, PriorFile, Source
 
 STATUSES = ("Open", "In Progress", "Closed")  # ours are open; the others are for whoever works on them
 AUTHOR = "jaxmm"
@@ -60,7 +61,7 @@ def write_bcf(path: Path, detection: Detection, project: str = "jaxmm", when: da
     }
     for number, topic in enumerate(topics):
         files[f"{topic.guid}/"] = b""  # readers rely on folders being listed
-        files[f"{topic.guid}/markup.bcf"] = _xml(_markup(topic, number, when, detection.prior))
+        files[f"{topic.guid}/markup.bcf"] = _xml(_markup(topic, number, when, detection))
         files[f"{topic.guid}/viewpoint.bcfv"] = _xml(_viewpoint(topic))
         files[f"{topic.guid}/snapshot.png"] = snapshot(detection.drawing, topic.mismatch, topic.camera, topic.caption)
     write_atomically(Path(path), lambda temporary: write_zip(temporary, files))
@@ -90,10 +91,10 @@ def _extensions() -> Element:
     return root
 
 
-def _markup(topic: Topic, number: int, when: datetime, prior: PriorFile | None) -> Element:
+def _markup(topic: Topic, number: int, when: datetime, detection: Detection) -> Element:
     root = Element("Markup")
-    if prior is not None:
-        _add_header(root, prior)
+    if detection.prior is not None:
+        _add_header(root, files_about(topic.mismatch, detection))
     entry = SubElement(root, "Topic", Guid=topic.guid, TopicType=topic.kind, TopicStatus=STATUSES[0])
     _add(entry, "Title", topic.title)
     _add(entry, "Priority", topic.priority)
@@ -115,11 +116,12 @@ def _markup(topic: Topic, number: int, when: datetime, prior: PriorFile | None) 
     return root
 
 
-def _add_header(parent: Element, prior: PriorFile) -> None:
-    """The file that a tool should have open beside the topic; it is not in the archive."""
-    known = {"IfcProject": prior.project} if is_global_id(prior.project) else {}
-    file = SubElement(SubElement(SubElement(parent, "Header"), "Files"), "File", known, IsExternal="true")
-    _add(file, "Filename", legal(prior.file))
+def _add_header(parent: Element, files: Iterable[PriorFile | Source]) -> None:
+    """The files that a tool should have open beside the topic; they are not in the archive."""
+    listed = SubElement(SubElement(parent, "Header"), "Files")
+    for one in files:
+        known = {"IfcProject": one.project} if is_global_id(one.project) else {}
+        _add(SubElement(listed, "File", known, IsExternal="true"), "Filename", legal(one.file))
 
 
 def _viewpoint(topic: Topic) -> Element:

@@ -15,7 +15,7 @@ from jaxmm.rays.evidence import FRACTIONS
 from jaxmm.reports.markdown import chance, other_type, sizes
 from jaxmm.reports.snapshots import Camera, best_scan, camera_at
 from jaxmm.reports.verdict_words import ASSUMED_WORDS
-from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch
+from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, PriorFile, Source
 from jaxmm.verdicts.verdicts import DISPLACED
 
 PRIORITIES = (("High", 0.9), ("Normal", 0.7), ("Low", 0.0))  # by the least probability of each
@@ -100,7 +100,17 @@ def element_words(told: ElementVerdict) -> str:
     """Which element of the model one is, a sentence."""
     words = [one_line(told.ifc_class), f'"{one_line(told.name)}"' if told.name else "", one_line(told.guid)]
     words.append(f'storey "{one_line(told.storey)}"' if told.storey else "")
-    return f"Element of the model: {', '.join(word for word in words if word)}."
+    words.append(f"file {one_line(told.file)}" if told.file else "")
+    same = "".join(f" The same as {one_line(guid)} of {one_line(file)}." for file, guid in told.same_as)
+    return f"Element of the model: {', '.join(word for word in words if word)}.{same}"
+
+
+def files_about(mismatch: Mismatch, detection: Detection) -> tuple[PriorFile | Source, ...]:
+    """The files of the model that a mismatch is about: all that have its element, or all of something added."""
+    prior = detection.prior
+    told = next((one for one in detection.elements if one.key == mismatch.key), None)
+    names = {mismatch.file, *(file for file, _ in told.same_as)} if told else {mismatch.file}
+    return tuple(one for one in prior.sources if one.file in names) or prior.sources or (prior,)
 
 
 def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project: str) -> Iterator[str]:
@@ -131,7 +141,7 @@ def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
         yield f"Of the object, {mismatch.observable_fraction:.0%} could be observed."
     if mismatch.element is None:
         return
-    told = next((one for one in detection.elements if one.guid == mismatch.element), None)
+    told = next((one for one in detection.elements if one.key == mismatch.key), None)
     if told is None:
         yield f"Element of the model: {one_line(mismatch.element)}."
         return

@@ -109,8 +109,14 @@ def joined(placed: Sequence[Placed]) -> Building:
     ]
     origin, far = origin_of(*(np.concatenate(sides).astype(np.float64) for sides in zip(*bounds, strict=True)))
     storeys = [
-        FileStoreys(each.read.name, _raised(one, each.to_world, origin), one.elements.storey, low[:, 2] - origin[2])
-        for one, each, (low, _) in zip(buildings, placed, bounds, strict=True)
+        FileStoreys(
+            each.read.name,
+            _raised(one, each.to_world, origin),
+            one.elements.storey,
+            low[:, 2] - origin[2],
+            (low[:, 2] + high[:, 2]) / 2.0 - origin[2],
+        )
+        for one, each, (low, high) in zip(buildings, placed, bounds, strict=True)
     ]
     table, rows, told = merged_storeys(storeys)
     first = np.cumsum([0] + [len(one.elements.guid) for one in buildings[:-1]])

@@ -14,6 +14,7 @@ LEVEL = 0.5  # [m] between elevations that are one level: finished floor, raw sl
 NAMED = 1.5  # [m] between elevations of one name, up to which they are one level
 STANDS = 1.0  # [m] from a storey's elevation to the feet of the lowest of its elements, if it says where it is
 SPREAD = 4.5  # [m] between the feet of its elements, beyond which a storey is no level: a name for none
+MOST = 0.9  # share of a storey's elements whose feet must be on one level for all to be on it
 
 
 class FileStoreys(NamedTuple):
@@ -23,6 +24,7 @@ class FileStoreys(NamedTuple):
     storeys: Storeys  # elevations above the common zero
     row: np.ndarray  # (E,) of each element; -1
     foot: np.ndarray  # (E,) [m] its lowest point
+    middle: np.ndarray  # (E,) [m] halfway up
 
 
 class _Level(NamedTuple):
@@ -51,14 +53,14 @@ def merged_storeys(files: list[FileStoreys]) -> tuple[Storeys, list[np.ndarray],
     elevation = np.array([one.elevation for one in levels])
     rows, same, notes = [], {}, []
     for number, one in enumerate(files):
-        new = _level_at(elevation, one.foot)
-        new[one.row < 0] = -1
+        at_feet = _level_at(elevation, one.foot + LEVEL)  # slabs are cast below the level that they carry
+        new = np.where(one.row < 0, -1, _level_at(elevation, one.middle))
         for row in np.unique(one.row[one.row >= 0]):
             own, name = one.row == row, one.storeys.name[row]
             if (number, row) in at:
                 new[own] = place[at[number, row]]
-            elif np.ptp(one.foot[own]) <= SPREAD:
-                new[own] = _level_at(elevation, np.median(one.foot[own]))
+            elif np.mean(at_feet[own] == (usual := np.bincount(at_feet[own]).argmax())) >= MOST:
+                new[own] = usual
             elif name or len(one.storeys.name) > 1:
                 notes.append(f"{one.file}: what is on {name!r} stands on several storeys, and is told by its height")
                 continue
@@ -111,9 +113,9 @@ def _alike(one: str, other: str) -> bool:
     return bool(one.strip()) and one.strip().casefold() == other.strip().casefold()
 
 
-def _level_at(elevation: np.ndarray, foot: np.ndarray | float) -> np.ndarray:
-    """The highest level at or just above a foot, or the lowest."""
-    return np.maximum(np.searchsorted(elevation, np.asarray(foot) + LEVEL, side="right") - 1, 0)
+def _level_at(elevation: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """The highest level at or below a height, or the lowest."""
+    return np.maximum(np.searchsorted(elevation, height, side="right") - 1, 0)
 
 
 def _said(name: str, file: str, same: Iterable[tuple[str, str]]) -> str:
