@@ -14,7 +14,7 @@ LEVEL = 0.5  # [m] between elevations that are one level: finished floor, raw sl
 NAMED = 1.5  # [m] between elevations of one name, up to which they are one level
 STANDS = 1.0  # [m] from a storey's elevation to the feet of the lowest of its elements, if it says where it is
 SPREAD = 4.5  # [m] between the feet of its elements, beyond which a storey is no level: a name for none
-MOST = 0.9  # share of a storey's elements whose feet must be on one level for all to be on it
+MOST = 0.7  # share of a storey's elements whose feet must be on one level for all to be on it
 
 
 class FileStoreys(NamedTuple):
