@@ -99,7 +99,7 @@ def _keys(detection: Detection) -> dict[str, Any]:
     mismatch; `twins` are what is drawn as another: [key, index of that].
     """
     rows = detection.drawing.rows()
-    drawn = {row: key for key, row in reversed(rows.items())}  # the own key of each comes last
+    drawn = {row: key for key, row in rows.items()}  # the own key of each comes last
     known = {*rows, *(one.key for one in detection.elements)}
     count = Counter(guid for _, guid in known)
 

@@ -63,7 +63,10 @@ def test_the_report_says_what_moved(report, files):
     assert {one["verdict"] for one in told["elements"]} == {"present", "removed", "unscanned"}
     assert told["scans"][0]["pose_source"] == "given" and told["registration"]["refined"]
     project = files[3].building.project
-    assert told["prior"] == {"file": "room.ifc", "kind": "ifc", "unit": 1.0, "project": project} and len(project) == 22
+    assert (
+        told["prior"] == {"file": "room.ifc", "kind": "ifc", "unit": 1.0, "project": project, "files": []}
+        and len(project) == 22
+    )
     assert f"room.ifc, in metres, IfcProject `{project}`." in (report / "report.md").read_text()
 
 

@@ -57,9 +57,11 @@ def merged_storeys(files: list[FileStoreys]) -> tuple[Storeys, list[np.ndarray],
         new = np.where(one.row < 0, -1, _level_at(elevation, one.middle))
         for row in np.unique(one.row[one.row >= 0]):
             own, name = one.row == row, one.storeys.name[row]
-            if (number, row) in at:
+            usual = np.bincount(at_feet[own]).argmax()
+            most = np.mean(at_feet[own] == usual) >= MOST
+            if (number, row) in at and (most or sum(sound[number]) > 1):
                 new[own] = place[at[number, row]]
-            elif np.mean(at_feet[own] == (usual := np.bincount(at_feet[own]).argmax())) >= MOST:
+            elif most:
                 new[own] = usual
             elif name or len(one.storeys.name) > 1:
                 notes.append(f"{one.file}: what is on {name!r} stands on several storeys, and is told by its height")
