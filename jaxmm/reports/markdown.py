@@ -35,6 +35,7 @@ from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, Pose, Pr
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
 MOST_DISPLACED = 50  # elements that are told of in full
+MOST_FILES = 4  # of a model in several, that are named
 GAP = "-"  # shown for what is not known
 UNITS = {"shift": " m", "turn": "°", "residual": " m"}  # of the numbers of a registration
 # What is markup anywhere (an underscore within a word is not), and what would begin a list or a rule at the start.
@@ -151,7 +152,9 @@ def prior_in_words(prior: PriorFile) -> str:
     known = [word for length, word in {1.0: "metres", **UNIT_WORDS}.items() if math.isclose(length, prior.unit)]
     unit = known[0] if known else f"units of {prior.unit:.7g} m"
     if prior.sources:
-        return f"{kind} {prior.file}, of {len(prior.sources)} files: {', '.join(one.file for one in prior.sources)}"
+        more = len(prior.sources) - MOST_FILES
+        names = [*(one.file for one in prior.sources[:MOST_FILES]), *([f"and {more} more"] if more > 0 else [])]
+        return f"{kind} {prior.file}, of {len(prior.sources)} files: {', '.join(names)}"
     project = f", IfcProject {prior.project}" if prior.project else ""
     return f"{kind} {prior.file}, in {unit}{project}"
 
