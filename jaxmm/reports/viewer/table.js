@@ -65,7 +65,7 @@ function rowOf(one, actions) {
   const click = () => { actions.choose(one.key); actions.look(); };
   const cells = COLUMNS.map(([title, look, content]) =>
     make("td", { class: look }, content ? content(one) : make("button", {}, one.name || "(no name)")));
-  return make("tr", { "data-key": one.key, click }, ...cells);
+  return make("tr", { "data-key": one.key, "data-guid": one.guid, click }, ...cells);
 }
 
 function filterButtons(filter, refill) {
