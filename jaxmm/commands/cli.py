@@ -43,6 +43,7 @@ POSE = (
     "metres in the frame of the building, z absolute; degrees, YAW counter-clockwise from +x, PITCH upwards, ROLL with "
     "the right side down"
 )
+SCENES = "building: .ifc, .ifczip, .obj, .ply, .glb, .gltf or .stl, or a folder of such files that describe one"
 SCAN_FILES = (
     ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic), .las, .laz or .csv: the returns with the element of "
     "each; .npz: every ray, returned or not, and a table of the elements"
@@ -165,7 +166,8 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--out", type=Path, required=True, metavar="FILE.json")
 
     command = _command(commands, "scan", _scan, "jaxmm scan house.ifc --pose 4,-3,1.5,90 --out scan.ply")
-    command.add_argument("scene", type=Path, metavar="SCENE", help="building: .ifc, .obj, .ply, .glb, .gltf or .stl")
+    command.add_argument("scene", type=Path, metavar="SCENE", help=SCENES)
+    command.add_argument("--also", type=Path, action="append", default=[], metavar="FILE", help=detect_options.ALSO)
     command.add_argument("--pose", required=True, metavar="X,Y,Z,YAW[,PITCH[,ROLL]]", help=POSE)
     command.add_argument("--sensor", default="oak-d-pro", metavar="NAME|FILE", help=SCAN_SENSORS)
     command.add_argument("--seed", type=int, default=0, metavar="N", help="of the errors of a sensor that errs")
@@ -283,7 +285,7 @@ def _scan(options: argparse.Namespace) -> None:
         )
     except ValueError as error:
         raise InputError(str(error)) from error
-    building = opened(options.scene, reading)
+    building = opened(options.scene, reading, options.also)
     scan = scan_of(building, pose, sensor, options.seed)
     check_returns(scan, options.pose, options.scene)
     _, *moved = writers.write_scan(options.out, scan)

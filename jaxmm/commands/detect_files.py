@@ -17,13 +17,13 @@ from jaxmm.formats.dates import latest, parse_date, taken_of
 from jaxmm.formats.poses import SEARCH, AskedPose, GivenPose
 from jaxmm.formats.readers import PointScan, read_scans
 from jaxmm.formats.units import FITS
-from jaxmm.ifc.as_built import write_as_built
-from jaxmm.ifc.update import write_update
+from jaxmm.ifc.projects import write_models_as_built, write_updates
 from jaxmm.inputs import InputError, Misfit, clipped
 from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
 from jaxmm.reports.bcf import VERSIONS, write_bcf
+from jaxmm.reports.bcf_topics import NewElement
 from jaxmm.reports.detection_figures import write_figures
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
@@ -38,6 +38,7 @@ from jaxmm.verdicts.scan_frames import FRAMES, OwnScan, frame_that_fits, own_sca
 from jaxmm.verdicts.searched_scans import searched_scan
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT
+from warp_scanner.buildings.model_files import Model, model_of
 from warp_scanner.buildings.positions import away_from, span_of
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.scenes.building import ReadOptions
@@ -74,6 +75,7 @@ def detect(
     scans: Sequence[Path | str] | Path | str,
     poses: Sequence[AskedPose] | AskedPose = None,
     *,
+    also: Sequence[Path | str] = (),
     reading: Reading | None = None,
     settings: DetectSettings | None = None,
     model: Path | str = DEFAULT,
@@ -82,10 +84,11 @@ def detect(
     """Compare robot scans with a building model, as `jaxmm detect` does, without writing anything.
 
     Args:
-        prior: IFC or mesh file, or a point cloud.
+        prior: IFC or mesh file, a folder of such, or a point cloud.
         scans: point clouds, bags or folders of depth images, see `formats.readers`; each may hold several.
         poses: one for each scan; None takes the one of its file, or estimates it, "search" looks for the only place in
             the building that the scan fits. None or "search" alone does so for all.
+        also: IFC and mesh files that describe the same building as well.
         reading: units, frame and sensor.
         settings: how to detect.
         model: run folder or .safetensors file of models of the method "evidence".
@@ -99,6 +102,7 @@ def detect(
     given: list[AskedPose] = [poses] if isinstance(poses, GivenPose | str) else list(poses or ())
     reading, settings = reading or Reading(), settings or DetectSettings()
     stated = None if date is None else parse_date(date)
+    files_of_prior = prior_files(prior, also)
     judges = read_judges(Path(model))
     if reading.topic is not None and not any(map(is_bag, files)):
         raise InputError("--topic: expected a bag among the scans, got none")
@@ -111,12 +115,12 @@ def detect(
         told = clipped(told)  # a file may hold fewer scans than it seems
         raise InputError(f"--pose: expected one for each of {len(found)} scans (or own), got {len(given)}{told}")
     if SEARCH in given:
-        _check_search(Path(prior), reading)
+        _check_search(files_of_prior.files[0].path, reading)
     posed: list[OwnScan | None] = []  # None: to be searched, once the prior is read
     for (file, scan), pose in zip(found, given, strict=True):
         with _told_of(file):
             posed.append(None if pose == SEARCH else own_scan(scan, pose, reading.frame))
-    read = fitting_prior(Path(prior), reading.prior, [one for one in posed if one is not None], reading.unit)
+    read = fitting_prior(files_of_prior, reading.prior, [one for one in posed if one is not None], reading.unit)
     own = []
     for (file, scan), one in zip(found, posed, strict=True):
         with _told_of(file):
@@ -148,6 +152,7 @@ def write_all(
     prior: Path | str,
     out: Path | str,
     *,
+    also: Sequence[Path | str] = (),
     apply: bool = False,
     as_built: bool = False,
     bcf: str = VERSIONS[0],
@@ -156,8 +161,9 @@ def write_all(
 
     Args:
         detection: what was found.
-        prior: its file; an IFC file is also written anew with the changes marked, or made.
+        prior: its file, or folder; IFC files are also written anew with the changes marked, or made.
         out: folder that does not exist yet, or is empty.
+        also: as `detect` was given it.
         apply: delete removed elements instead of marking them; not while a scan may be of another place or pose.
         bcf: version of mismatches.bcf, "3.0" or "2.1".
         as_built: of an IFC file, also write the model with displaced elements where they were measured; likewise.
@@ -165,7 +171,7 @@ def write_all(
     Raises:
         InputError: the folder holds something, or cannot be written.
     """
-    prior, out = Path(prior), Path(out)
+    model, out = prior_files(prior, also), Path(out)
     check_empty(out, "--out")
     start, said = time.perf_counter(), []
 
@@ -173,13 +179,13 @@ def write_all(
         write_figures(work, detection)
         write_page(work / "report.html", detection)
         new = {}
-        if prior.suffix.lower() == ".ifc":
-            update = write_update(prior, detection, work, apply=apply)
-            new = update.of_mismatch
-            said.extend(update.notes)
+        if model.has_ifc:
+            updates = write_updates(model, detection, work, apply=apply)
+            new = {number: NewElement(*where) for number, where in updates.new.items()}
+            said.extend(updates.notes)
             if as_built:
-                said.extend(write_as_built(prior, detection, work))
-        write_bcf(work / "mismatches.bcf", detection, prior.stem, version=bcf, new=new)
+                said.extend(write_models_as_built(model, detection, work))
+        write_bcf(work / "mismatches.bcf", detection, Path(model.name).stem, version=bcf, new=new)
         timing = detection.timing | {"writing": time.perf_counter() - start}
         write_plain(work, detection._replace(timing=timing))
         if not write_workbook(work / WORKBOOK, detection):
@@ -190,6 +196,20 @@ def write_all(
     except OSError as error:
         raise InputError(f"--out: cannot write {out}: {error.strerror}") from error
     return said
+
+
+def prior_files(prior: Path | str, also: Sequence[Path | str] = ()) -> Model:
+    """The files of a prior.
+
+    Raises:
+        InputError: a folder without models, or what cannot be put together with others; one line.
+    """
+    try:
+        return model_of(prior, also)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
 
 
 def _check_search(prior: Path, reading: Reading) -> None:

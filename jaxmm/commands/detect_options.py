@@ -6,6 +6,8 @@ from pathlib import Path
 from jaxmm.inputs import InputError
 
 EXAMPLE = "jaxmm detect house.ifc scan.e57 --pose 4,-3,1.5,90 --sensor oak-d-pro --out found"
+PRIORS = "building model: .ifc, .ifczip, a mesh, a folder of such files that describe one building, or a point cloud"
+ALSO = "another IFC or mesh file of the same building, in its own unit; may be given several times"
 POSES = (
     "for every scan one, in order, or a file of them: JSON (angles, a quaternion or a 4x4 matrix) or a TUM trajectory; "
     "own (in JSON null), the default of all: what the scan file says, else it is estimated; search, also once for all "
@@ -35,7 +37,8 @@ SETTINGS = (
 
 def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     """The options of `jaxmm detect`; `pose` says how a pose reads."""
-    command.add_argument("prior", type=Path, metavar="PRIOR", help="building model: .ifc, a mesh, or a point cloud")
+    command.add_argument("prior", type=Path, metavar="PRIOR", help=PRIORS)
+    command.add_argument("--also", type=Path, action="append", default=[], metavar="FILE", help=ALSO)
     command.add_argument(
         "scans", type=Path, nargs="+", metavar="SCAN",
         help=".ply, .pcd, .e57, .ptx, .pts, .las, .laz, .vtk, .csv, .npy, .npz, .xyz, .txt or .asc; E57, PTX and PTS "
@@ -83,9 +86,8 @@ def detect(options: argparse.Namespace) -> None:
 
     check_folder(options.out, "--out")
     check_empty(options.out, "--out")
-    if not options.prior.is_file():
-        found = "a folder" if options.prior.is_dir() else "nothing there"
-        raise InputError(f"{options.prior}: expected a file, found {found}")
+    if not options.prior.exists():
+        raise InputError(f"{options.prior}: expected a file or a folder of models, found nothing there")
     for scan in options.scans:
         if not scan.exists():
             raise InputError(f"{scan}: expected a scan file, or a folder of depth images, found nothing there")
@@ -109,14 +111,20 @@ def detect(options: argparse.Namespace) -> None:
         given["classes"] = [name.strip() for names in options.classes for name in names.split(",")]
     settings = load_settings(options.settings, **given)
     detection = detect_files.detect(
-        options.prior, options.scans, poses,
+        options.prior, options.scans, poses, also=options.also,
         reading=_reading(options, sensor), settings=settings, model=options.model or DEFAULT,
         date=options.date,
     )  # fmt: skip
     for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
         print(note)
     said = detect_files.write_all(
-        detection, options.prior, options.out, apply=options.apply, as_built=options.as_built, bcf=options.bcf
+        detection,
+        options.prior,
+        options.out,
+        also=options.also,
+        apply=options.apply,
+        as_built=options.as_built,
+        bcf=options.bcf,
     )
     for line in (*said, *sentences_of(detection), detection.summary()):
         print(line)
@@ -153,9 +161,11 @@ def _reading(options: argparse.Namespace, sensor):
 
 def _check_kind(options: argparse.Namespace) -> None:
     """Refuse options that say nothing about a prior of this kind."""
+    from jaxmm.commands.detect_files import prior_files
     from jaxmm.verdicts.priors import kind_of
 
-    kind = kind_of(options.prior)
+    model = prior_files(options.prior, options.also)
+    kind = "ifc" if model.has_ifc else kind_of(model.files[0].path)
     if kind == "ifc":
         if options.prior_unit is not None or options.up is not None:
             raise InputError(f"--prior-unit, --up: not for IFC; {options.prior} says its unit and axes itself")

@@ -229,6 +229,7 @@ def _write_npz(path: Path, scan: SensorScan) -> None:
             "origin": np.asarray(scan.position, np.float64),
             "rotation": np.asarray(scan.rotation, np.float64),
             **{name: np.array(getattr(scan.elements, name)) for name in ("guid", "ifc_class", "name", "storey")},
+            "element_file": np.array(scan.elements.file),
         },
     )
 

@@ -18,6 +18,8 @@ from jaxmm.ifc.draft import Draft, open_draft
 from jaxmm.ifc.marks import DEMOLISH, DEVIATION_SET, NEW, mark, set_status, set_uncertainty
 from jaxmm.ifc.new_elements import add_object, contain, flaw_of, ground_of
 from jaxmm.ifc.removal import delete, hanging_on
+from jaxmm.ifc.shares import Share
+from jaxmm.ifc.text_edits import Edit
 from jaxmm.ifc.undo import UPDATED, write_with_undo
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import sentence
@@ -40,7 +42,7 @@ class UpdateSummary(NamedTuple):
 
 
 def write_update(
-    prior: Path, detection: Detection, out: Path, *, apply: bool = False, when: datetime | None = None
+    prior: Path, detection: Detection | Share, out: Path, *, apply: bool = False, when: datetime | None = None
 ) -> UpdateSummary:
     """Write `updated.ifc` and `undo.json` to the folder `out`, both whole or neither.
 
@@ -61,6 +63,15 @@ def write_update(
     """
     if (out / UPDATED).resolve() == prior.resolve():
         raise InputError(f"{out}: expected another folder than that of {prior}, which must stay as it is")
+    edited, summary = edited_model(prior, detection, apply=apply, when=when)
+    write_with_undo(out, *edited)
+    return UpdateSummary(out / UPDATED, *summary)
+
+
+def edited_model(
+    prior: Path, detection: Detection | Share, *, apply: bool = False, when: datetime | None = None
+) -> tuple[tuple[bytes, bytes, list[Edit]], tuple]:
+    """What `write_update` writes: the text of the file, the same edited, and the edits; and the rest of its summary."""
     original, draft = open_draft(prior, when)
     update = _Update(draft, detection)
     if apply and detection.doubts:
@@ -72,18 +83,14 @@ def write_update(
     update.add()
     if apply:
         update.delete_removed()
-    updated, edits = draft.text(original, prior)
-    write_with_undo(out, original, updated, edits)
-    return UpdateSummary(
-        out / UPDATED, tuple(update.removed), tuple(update.occluded), tuple(update.added.values()), update.added,
-        tuple(update.notes),
-    )  # fmt: skip
+    told = (update.removed, update.occluded, update.added.values())
+    return (original, *draft.text(original, prior)), (*map(tuple, told), update.added, tuple(update.notes))
 
 
 class _Update:
     """One detection on its way into one model."""
 
-    def __init__(self, draft: Draft, detection: Detection):
+    def __init__(self, draft: Draft, detection: Detection | Share):
         self.draft, self.detection = draft, detection
         self.removed: dict[str, Any] = {}
         self.kept: set[str] = set()  # of those, what is never deleted

@@ -15,7 +15,7 @@ from jaxmm.reports.archives import write_zip
 from jaxmm.reports.bcf_displaced import displaced_topics
 from jaxmm.reports.bcf_layouts import LAYOUTS, head, markup, viewpoint, xml
 from jaxmm.reports.bcf_overview import overview_topic
-from jaxmm.reports.bcf_topics import topics_of
+from jaxmm.reports.bcf_topics import NewElement, topics_of
 from jaxmm.verdicts.results import Detection
 
 VERSIONS = tuple(LAYOUTS)
@@ -28,7 +28,7 @@ def write_bcf(
     when: datetime | None = None,
     *,
     version: str = VERSIONS[0],
-    new: Mapping[int, str] | None = None,
+    new: Mapping[int, NewElement] | None = None,
 ) -> None:
     """Write mismatches.bcf, whole or not at all: one topic per mismatch and displaced element, or none.
 
@@ -56,7 +56,7 @@ def write_bcf(
     files = head(layout, project)
     for number, topic in enumerate((*overview_topic(detection, project, topics), *topics)):
         files[f"{topic.guid}/"] = b""  # readers rely on folders being listed
-        files[f"{topic.guid}/markup.bcf"] = xml(markup(layout, topic, number, when, detection.prior))
+        files[f"{topic.guid}/markup.bcf"] = xml(markup(layout, topic, number, when))
         files[f"{topic.guid}/viewpoint.bcfv"] = xml(viewpoint(layout, topic))
         files[f"{topic.guid}/snapshot.png"] = topic.picture(detection.drawing)
     write_atomically(Path(path), lambda temporary: write_zip(temporary, files))

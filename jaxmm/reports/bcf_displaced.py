@@ -60,9 +60,10 @@ def displaced_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
 
 def element_box(drawing: Drawing, one: ElementVerdict) -> Mismatch | None:
     """The upright box about an element where the model has it, a side of it square to its offset; None if not drawn."""
-    if drawing.faces is None or one.guid not in drawing.guid:
+    row = drawing.rows().get(one.key)
+    if drawing.faces is None or row is None:
         return None
-    used = drawing.faces[drawing.face_element == drawing.guid.index(one.guid)]
+    used = drawing.faces[drawing.face_element == row]
     if not len(used):
         return None
     x, y, _ = one.deviation.direction
@@ -72,7 +73,7 @@ def element_box(drawing: Drawing, one: ElementVerdict) -> Mismatch | None:
     low, high = corners.min(axis=0), corners.max(axis=0)
     center = turn @ ((low + high) / 2.0) + drawing.origin
     kind = "pillar" if "Column" in one.ifc_class else "wall"
-    return Mismatch(kind, DISPLACED, center, high - low, math.degrees(yaw), one.probability, one.guid)
+    return Mismatch(kind, DISPLACED, center, high - low, math.degrees(yaw), one.probability, one.guid, file=one.file)
 
 
 def _facts(one: ElementVerdict) -> Iterator[str]:

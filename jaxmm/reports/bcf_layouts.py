@@ -13,11 +13,9 @@ from xml.etree.ElementTree import Element, SubElement
 
 from jaxmm.reports.bcf_topics import LABELS, PRIORITIES, TOPIC_TYPES, Topic, is_global_id, legal, one_line, project_guid
 from jaxmm.reports.snapshots import ASPECT_RATIO, EDGES, FIELD_OF_VIEW
-from jaxmm.verdicts.results import PriorFile
 
 STATUSES = ("Open", "In Progress", "Closed")  # ours are open; the others are for whoever works on them
 AUTHOR = "jaxmm"
-UPDATED = "updated.ifc"  # beside the archive, where the prior is IFC
 _SCHEMA = "http://www.w3.org/2001/XMLSchema"
 _USER, _LABEL = "UserIdType", "TopicLabel"  # as 2.1 calls the types of what 3.0 calls User and TopicLabel
 
@@ -66,14 +64,12 @@ def head(layout: Layout, project: str) -> dict[str, bytes]:
     return {"bcf.version": xml(version), "project.bcfp": xml(root), **words}
 
 
-def markup(layout: Layout, topic: Topic, number: int, when: datetime, prior: PriorFile | None) -> Element:
+def markup(layout: Layout, topic: Topic, number: int, when: datetime) -> Element:
     """What is said of a topic, the `number`-th of all."""
     root = Element("Markup")
-    if prior is not None:
-        # The files that a tool should have open beside the topic; they are not in the archive.
-        known = {"IfcProject": prior.project} if is_global_id(prior.project) else {}
-        for name in (prior.file, *((UPDATED,) if topic.updated else ())):
-            _add(_item(root, layout.file, known | {layout.external: "true"}), "Filename", legal(name))
+    for name, project in topic.files:  # that a tool should have open beside the topic; they are not in the archive
+        known = {"IfcProject": project} if is_global_id(project) else {}
+        _add(_item(root, layout.file, known | {layout.external: "true"}), "Filename", legal(name))
     entry = SubElement(root, "Topic", Guid=topic.guid, TopicType=topic.kind, TopicStatus=STATUSES[0])
     _add(entry, "Title", topic.title)
     _add(entry, "Priority", topic.priority)

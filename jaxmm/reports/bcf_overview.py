@@ -43,7 +43,8 @@ def overview_topic(detection: Detection, project: str, topics: tuple[Topic, ...]
         partial(picture_of_all, boxes=boxes, camera=camera, caption=words, top=cut),
         OVERVIEW, selected=tuple(dict.fromkeys(_all(topic.selected for topic in topics))),
         painted=tuple(dict.fromkeys(_all(topic.painted for topic in topics))),
-        corners=tuple(_all(topic.corners for topic in topics)), cut=cut, updated=any(one.updated for one in topics),
+        corners=tuple(_all(topic.corners for topic in topics)), cut=cut,
+        files=tuple(dict.fromkeys(_all(topic.files for topic in topics))),
     ),)  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from jaxmm.reports.deviation_words import turned_by
 from jaxmm.reports.markdown import chance, number, other_type, sizes
 from jaxmm.reports.snapshots import COLORS, Camera, best_scan, camera_at, corners_of, snapshot
 from jaxmm.reports.verdict_words import ASSUMED_WORDS
-from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch
+from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, Source
 from jaxmm.verdicts.verdicts import DISPLACED
 
 PRIORITIES = (("High", 0.9), ("Normal", 0.7), ("Low", 0.0))  # by the least probability of each
@@ -31,6 +31,13 @@ _FAMILY = uuid.UUID("3d0b6f0e-6d52-5f0b-9a55-2b8f4d5c7e11")  # the GUIDs of all 
 _GLOBAL_ID = re.compile(r"[0-3][0-9A-Za-z_$]{21}", re.ASCII)
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # what XML 1.0 cannot hold at all
 _LONGEST_NAME = 200  # characters of a file's own names that a reader is asked to look at
+
+
+class NewElement(NamedTuple):
+    """What an updated model has for an added object."""
+
+    guid: str  # GlobalId
+    file: str  # that holds it, below the folder of the outputs
 
 
 class Topic(NamedTuple):
@@ -49,13 +56,13 @@ class Topic(NamedTuple):
     painted: tuple[tuple[str, str], ...] = ()  # a colour, as #RRGGBB, and a GlobalId of what is painted so
     corners: tuple[np.ndarray, ...] = ()  # (8, 3) [m] of each box that is drawn, in the order of snapshots.EDGES
     cut: float | None = None  # z [m] above which nothing is to be shown
-    updated: bool = False  # whether something selected is new, and so only in the updated model
+    files: tuple[tuple[str, str | None], ...] = ()  # that it is about, the updated model's too: name, and IfcProject
 
 
-def topics_of(detection: Detection, project: str, new: Mapping[int, str] | None = None) -> tuple[Topic, ...]:
+def topics_of(detection: Detection, project: str, new: Mapping[int, NewElement] | None = None) -> tuple[Topic, ...]:
     """The topics of all mismatches, in their order.
 
-    `new` holds the GlobalIds that the updated model has for added objects, by their place among the mismatches.
+    `new` holds what the updated model has for added objects, by their place among the mismatches.
     """
     new = new or {}
     mismatches, sentences = detection.mismatches, detection.sentences
@@ -70,7 +77,11 @@ def topics_of(detection: Detection, project: str, new: Mapping[int, str] | None 
         seen = f"Seen best by the scan {one_line(detection.scans[scan].file)}."
         lines = [words, *doubts, *_facts(one, detection), seen]
         lines += [f"Seems to be the same object, moved: {sentences[twin]}" for twin in twins]
-        camera, element = camera_at(detection.scans[scan].pose, one.center), global_id(one) or new.get(index)
+        camera, element = camera_at(detection.scans[scan].pose, one.center), global_id(one)
+        files = [(file.file, file.project) for file in files_about(one, detection)]
+        if index in new:
+            element = new[index].guid
+            files.append((new[index].file, files[0][1]))
         is_added = one.mismatch_type == "added"
         topics.append(Topic(
             guids[index], title_of(one, detection), "\n".join(lines),
@@ -80,7 +91,7 @@ def topics_of(detection: Detection, project: str, new: Mapping[int, str] | None 
             selected=(element,) if element else (),
             painted=((COLORS[one.mismatch_type], element),) if element else (),
             # A new one is in the updated model only, so its box is drawn as well.
-            corners=(corners_of(one),) if is_added or not element else (), updated=bool(is_added and element),
+            corners=(corners_of(one),) if is_added or not element else (), files=tuple(files),
         ))  # fmt: skip
     return tuple(topics)
 
@@ -123,7 +134,19 @@ def element_words(told: ElementVerdict) -> str:
     """Which element of the model one is, a sentence."""
     words = [one_line(told.ifc_class), f'"{one_line(told.name)}"' if told.name else "", one_line(told.guid)]
     words.append(f'storey "{one_line(told.storey)}"' if told.storey else "")
-    return f"Element of the model: {', '.join(word for word in words if word)}."
+    words.append(f"file {one_line(told.file)}" if told.file else "")
+    same = "".join(f" The same as {one_line(guid)} of {one_line(file)}." for file, guid in told.same_as)
+    return f"Element of the model: {', '.join(word for word in words if word)}.{same}"
+
+
+def files_about(mismatch: Mismatch, detection: Detection) -> tuple[PriorFile | Source, ...]:
+    """The files of the model that a mismatch is about: all that have its element, or all of something added."""
+    prior = detection.prior
+    if prior is None:
+        return ()
+    told = next((one for one in detection.elements if one.key == mismatch.key), None)
+    names = {mismatch.file, *(file for file, _ in told.same_as)} if told else {mismatch.file}
+    return tuple(one for one in prior.sources if one.file in names) or prior.sources or (prior,)
 
 
 def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project: str) -> Iterator[str]:
@@ -154,7 +177,7 @@ def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
         yield f"Of the object, {mismatch.observable_fraction:.0%} could be observed."
     if mismatch.element is None:
         return
-    told = next((one for one in detection.elements if one.guid == mismatch.element), None)
+    told = next((one for one in detection.elements if one.key == mismatch.key), None)
     if told is None:
         yield f"Element of the model: {one_line(mismatch.element)}."
         return

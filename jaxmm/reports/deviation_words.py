@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from jaxmm.deviations.deviation import Deviation
-from jaxmm.verdicts.results import ElementVerdict
+from jaxmm.verdicts.results import ElementVerdict, once
 from jaxmm.verdicts.verdicts import DISPLACED
 
 INTERVAL_WORDS = (
@@ -36,13 +36,16 @@ def kind_of_class(ifc_class: str) -> str:
 
 
 def measured(elements: Iterable[ElementVerdict]) -> list[ElementVerdict]:
-    """Those whose place was measured, the worst first: displaced ones, then by how far they are surely off."""
+    """Those whose place was measured, the worst first: displaced ones, then by how far they are surely off.
+
+    What is the same in several files is told of once.
+    """
 
     def rank(one: ElementVerdict) -> tuple[float, ...]:
         keys = (one.deviation.surely, one.deviation.most)
         return one.verdict != DISPLACED, *(-key if math.isfinite(key) else math.inf for key in keys)
 
-    return sorted((one for one in elements if one.deviation is not None), key=rank)
+    return sorted((one for one in once(elements) if one.deviation is not None), key=rank)
 
 
 def displaced(elements: Iterable[ElementVerdict]) -> list[ElementVerdict]:

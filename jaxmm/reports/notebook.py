@@ -96,11 +96,11 @@ def _elements(detection: Detection, verdict: str) -> str:
     if not chosen:
         return ""
     rows = [
-        (one.guid, one.ifc_class, one.name, one.storey, percent(one.probability))
+        (one.guid, one.file, one.ifc_class, one.name, one.storey, percent(one.probability))
         + ((pose_in_words(one.next_view) if one.next_view else "none found",) if verdict == OCCLUDED else ())
         for one in chosen[:MOST_LISTED]
     ]
-    columns = ("element", "class", "name", "storey", "P(removed)")
+    columns = ("element", "file", "class", "name", "storey", "P(removed)")
     more = f"<p>and {len(chosen) - MOST_LISTED} more</p>" if len(chosen) > MOST_LISTED else ""
     table = _table((*columns, "next viewpoint x, y, z [m]") if verdict == OCCLUDED else columns, rows)
     return f"<details><summary>{len(chosen)} {verdict}</summary>{table}{more}</details>"

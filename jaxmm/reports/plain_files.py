@@ -31,18 +31,18 @@ POSITION = ("x [m]", "y [m]", "z [m]")
 MISMATCH_COLUMNS = (
     "number", "mismatch_type", "object_type", "shape", *(f"center_{name}" for name in POSITION),
     *(f"dimension_{name}" for name in POSITION), "rotation [deg]", "probability", "observable_fraction", "element",
-    "moved_from", "measured", "type_probability",
+    "moved_from", "measured", "type_probability", "file",
 )  # fmt: skip
 DEVIATION_COLUMNS = (
     *(f"offset_{axis}{end} [m]" for axis in "xyz" for end in ("", "_low", "_high")),
     *(f"distance{end} [m]" for end in ("", "_low", "_high")), *(f"direction_{axis}" for axis in "xyz"), "turn [deg]",
     "lean [deg]", "flatness [m]", "coverage", "rays_on_it", "loa", "din18202",
 )  # fmt: skip
-WORST_COLUMNS = ("guid", "ifc_class", "name", "storey", "verdict", "in_words", *DEVIATION_COLUMNS)
+WORST_COLUMNS = ("guid", "ifc_class", "name", "storey", "verdict", "in_words", *DEVIATION_COLUMNS, "file")
 ELEMENT_COLUMNS = (
     "guid", "ifc_class", "name", "storey", "verdict", "probability_removed", "prior_points",
     *(f"rays_{name}" for name in FRACTIONS), *(f"next_view_{name}" for name in POSITION), "next_view_yaw [deg]",
-    "next_view_pitch [deg]", *DEVIATION_COLUMNS,
+    "next_view_pitch [deg]", *DEVIATION_COLUMNS, "file", "same_as",
 )  # fmt: skip
 
 
@@ -81,18 +81,22 @@ def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
             number, one.mismatch_type, one.object_type, one.shape, *map(float, one.center),
             *map(float, one.dimensions), float(one.rotation), told_probability(one.probability),
             one.observable_fraction, one.element, origin, " ".join("yes" if seen else "no" for seen in one.measured),
-            None if one.type_probability is None else told_probability(one.type_probability),
+            None if one.type_probability is None else told_probability(one.type_probability), one.file,
         ])  # fmt: skip
     return as_csv(MISMATCH_COLUMNS, rows)
 
 
 def elements_csv(elements: Iterable[ElementVerdict]) -> str:
-    """A row for each element that has a verdict, in the manner of `mismatches_csv`."""
+    """A row for each element that has a verdict, in the manner of `mismatches_csv`.
+
+    `same_as` names those of other files that are the same, a `;` between two.
+    """
     rows = []
     for one in elements:
         rows.append([
             one.guid, one.ifc_class, one.name, one.storey, one.verdict, told_probability(one.probability), one.points,
-            *one.rays, *(one.next_view or [None] * 5), *_deviation(one.deviation),
+            *one.rays, *(one.next_view or [None] * 5), *_deviation(one.deviation), one.file,
+            "; ".join(f"{guid} of {file}" for file, guid in one.same_as) or None,
         ])  # fmt: skip
     return as_csv(ELEMENT_COLUMNS, rows)
 
@@ -106,7 +110,9 @@ def deviations_csv(elements: Iterable[ElementVerdict]) -> str:
     rows = []
     for one in measured(elements):
         words = offset_in_words(one.deviation)
-        rows.append([one.guid, one.ifc_class, one.name, one.storey, one.verdict, words, *_deviation(one.deviation)])
+        rows.append(
+            [one.guid, one.ifc_class, one.name, one.storey, one.verdict, words, *_deviation(one.deviation), one.file]
+        )
     return as_csv(WORST_COLUMNS, rows)
 
 

@@ -140,12 +140,13 @@ def _draw_surfaces(axes: Axes, detection: Detection, level: Level, limits: tuple
     corners = drawing.vertices[:, :2][drawing.faces]
     near = ((corners.min(axis=1) < limits[1]) & (corners.max(axis=1) > limits[0])).all(axis=1)
     near = np.isin(drawing.face_element, drawing.face_element[near])  # an outline closes beyond the edge of the plan
-    verdict = {one.guid: one.verdict for one in detection.elements}
+    rows = drawing.rows()
+    verdict = {rows[one.key]: one.verdict for one in detection.elements if one.key in rows}
     drawn = set()
     height = level.floor + CUT
     outlines = cut_surfaces(drawing.vertices, drawing.faces[near], drawing.face_element[near], height)
     for element, lines in itertools.groupby(outlines, key=lambda one: one.element):
-        name = verdict.get(drawing.guid[element])
+        name = verdict.get(element)
         look = LOOKS.get(name, NO_VERDICT)
         lines = list(lines)
         shapes = [Shape(one.points + shift, closed=True) for one in lines if one.closed]

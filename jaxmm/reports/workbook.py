@@ -20,13 +20,13 @@ from jaxmm.verdicts.results import Detection, ElementVerdict, told_probability
 
 WORKBOOK = "elements.xlsx"
 MISSING = f"{WORKBOOK} was not written: openpyxl is not installed (pip install 'jaxmm[xlsx]')"
-_WHO = ("verdict", "class", "name", "storey", "GlobalId")
+_WHO = ("verdict", "class", "name", "storey", "GlobalId", "file")
 _OFF = (
     "off its place [mm]", "at least [mm]", "at most [mm]", "in words", "x (east) [mm]", "y (north) [mm]", "z (up) [mm]",
     "turn [deg]", "lean [deg]", "flatness [mm]", "seen in tolerance [%]", "rays on it", "LOA", "DIN 18202",
 )  # fmt: skip
 _RAYS = ("P(removed) [%]", "rays through", "rays on its place", "rays blocked", "rays unseen")
-_WIDTHS = {"name": 34, "in words": 46, "GlobalId": 26, "storey": 18, "class": 18}
+_WIDTHS = {"name": 34, "in words": 46, "GlobalId": 26, "storey": 18, "class": 18, "file": 22}
 _DATES = re.compile(rb"<dcterms:(created|modified)[^>]*>[^<]*</dcterms:\1>")
 _NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")  # what a cell cannot hold
 
@@ -63,7 +63,7 @@ def write_book(path: Path, book: Any) -> None:
 
 
 def _who(one: ElementVerdict) -> list[Any]:
-    return [one.verdict, one.ifc_class, one.name, one.storey, one.guid]
+    return [one.verdict, one.ifc_class, one.name, one.storey, one.guid, one.file]
 
 
 def _off(one: ElementVerdict) -> list[Any]:

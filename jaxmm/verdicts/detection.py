@@ -27,7 +27,17 @@ from jaxmm.verdicts.next_view import Stage, next_views, stand_of
 from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only
 from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior, without_stray
-from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on, open_doors
+from jaxmm.verdicts.results import (
+    Detection,
+    Drawing,
+    ElementVerdict,
+    Mismatch,
+    Pose,
+    ScanRecord,
+    notes_on,
+    open_doors,
+    with_twins,
+)
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.standing_alone import for_sure
 from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
@@ -220,14 +230,15 @@ def _elements(
         gone[hidden] = False
         remains = remains_of(prior, gone) if gone.any() else prior
         views = dict(zip(hidden.tolist(), _views(remains, placed, looked, hidden), strict=True))
-    return tuple(
-        ElementVerdict(
+    found = {
+        row: ElementVerdict(
             table.guid[row], table.ifc_class[row], table.name[row],
             storeys.name[table.storey[row]] if table.storey[row] >= 0 else "",
-            *verdicts[row], views.get(int(row)), stands.deviations.get(int(row)),
+            *verdicts[row], views.get(row), stands.deviations.get(row), table.file[row],
         )
-        for row in rows
-    )  # fmt: skip
+        for row in rows.tolist()
+    }  # fmt: skip
+    return tuple(one for row in found for one in with_twins(found[row], prior.building, row, settings.semantics))
 
 
 def _with_boxes(prior: Prior, elements: tuple[ElementVerdict, ...]) -> tuple[ElementVerdict, ...]:
@@ -308,7 +319,7 @@ def _drawing(prior: Prior, looked: list[Looked], placed: list[Placed]) -> Drawin
             getattr(side, field) if hasattr(side, field) else getattr(side.view, field) for side in sides
         ])  # fmt: skip
 
-    triangles = prior.building.triangles if prior.has_elements else None
+    triangles, table = (prior.building.triangles, prior.building.elements) if prior.has_elements else (None, None)
     count = [len(one.added.view.points) for one in looked]
     return Drawing(
         prior.origin,
@@ -316,9 +327,10 @@ def _drawing(prior: Prior, looked: list[Looked], placed: list[Placed]) -> Drawin
         np.repeat(np.arange(len(looked), dtype=np.int32), count),
         joined("removed", "points"), joined("removed", "probability"), joined("removed", "evidence"),
         joined("removed", "element").astype(np.int32),
-        prior.building.elements.guid if prior.has_elements else (),
+        table.guid if table else (),
         *((triangles.vertices, triangles.faces, triangles.element) if triangles is not None else (None, None, None)),
         tuple(_corners(one.scan) for one in placed),
+        *((table.file, tuple(tuple((one.file, one.guid) for one in own) for own in table.twins)) if table else ()),
     )  # fmt: skip
 
 

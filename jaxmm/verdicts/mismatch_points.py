@@ -34,12 +34,12 @@ def mismatch_points(detection: Detection) -> MismatchPoints:
     """
     drawing = detection.drawing
     robot, prior = (np.full(len(points), -1, np.int32) for points in (drawing.robot, drawing.prior))
-    row_of = {name: row for row, name in enumerate(drawing.guid)}
+    row_of = drawing.rows()
     for index, one in enumerate(detection.mismatches):
         if one.mismatch_type == "added":
             robot[inside(one, drawing.robot, drawing.origin) & (drawing.robot_evidence != SUPPORT)] = index
-        elif one.element in row_of:
-            prior[drawing.prior_element == row_of[one.element]] = index
+        elif one.key in row_of:
+            prior[drawing.prior_element == row_of[one.key]] = index
         else:
             prior[inside(one, drawing.prior, drawing.origin) & (drawing.prior_evidence == THROUGH)] = index
     return MismatchPoints(robot, prior)

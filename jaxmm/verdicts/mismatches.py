@@ -110,6 +110,7 @@ def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[M
         found.append(
             _mismatch(prior, box, "removed", alone)._replace(
                 element=building.elements.guid[row],
+                file=building.elements.file[row],
                 type_probability=1.0,
                 standing=standing,
                 shaft=shaft_size(change) if kind == "pillar" else None,

@@ -5,6 +5,7 @@ the prior, V vertices, T triangles.
 """
 
 import math
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,9 @@ from jaxmm.learning.boxes import Box, sentence
 from jaxmm.learning.element_boxes import UprightBox
 from jaxmm.rays.evidence import FRACTIONS
 from jaxmm.verdicts.verdicts import DISPLACED, PRESENT, REMOVED, STANDS, VERDICTS
+from warp_scanner.scenes.building import Building, Source
 
+Key = tuple[str, str]  # file and GlobalId
 Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
 FORMAT = 2  # of report.json: counts up when a reader of the one before would go wrong; the first stated none
 MOST_NAMED = 5  # in notes on elements
@@ -29,10 +32,11 @@ class PriorFile(NamedTuple):
     """The file that the scans were compared with."""
 
     file: str  # name, without folders
-    kind: str  # "ifc" | "mesh" | "cloud"
+    kind: str  # "ifc" | "mesh" | "cloud"; of a model of several files "ifc" where one of them is
     unit: float  # [m] length of its unit: an IFC file says it, for any other --prior-unit does, or how the scans fit
     project: str | None = None  # GlobalId of the IfcProject; None for all but IFC files
     sha256: str | None = None  # of its bytes, in hexadecimal: the same model, or another state of it
+    sources: tuple[Source, ...] = ()  # its files, where it is a model of several
 
 
 class Mismatch(NamedTuple):
@@ -53,6 +57,12 @@ class Mismatch(NamedTuple):
     told_by: tuple[int, ...] = ()  # of each scan: rays that show that it is new, or gone; not in report.json
     standing: float = 0.0  # share of the rays that tell of a removed element, that end on it; not in report.json
     shaft: np.ndarray | None = None  # (2,) [m] edges of a removed column halfway up; not in report.json
+    file: str | None = None  # that the prior's element is of
+
+    @property
+    def key(self) -> Key:
+        """What tells its element from all others."""
+        return self.file or "", self.element or ""
 
 
 class ElementVerdict(NamedTuple):
@@ -69,6 +79,13 @@ class ElementVerdict(NamedTuple):
     next_view: Pose | None = None  # of an occluded element: the nearest free place that would show it
     deviation: Deviation | None = None  # how far off its place it stands; None where no face of it tells
     box: UprightBox | None = None  # around it, where the model has it; None where nobody asked
+    file: str = ""  # that it is of; empty where the prior came as arrays
+    same_as: tuple[Key, ...] = ()  # elements of other files at the same place: one verdict for all of them
+
+    @property
+    def key(self) -> Key:
+        """What tells it from all others: files may share GlobalIds."""
+        return self.file, self.guid
 
 
 class ScanRecord(NamedTuple):
@@ -110,6 +127,13 @@ class Drawing(NamedTuple):
     faces: np.ndarray | None  # (T, 3) int32
     face_element: np.ndarray | None  # (T,) int32 index into `guid`
     fields_of_view: tuple[np.ndarray, ...]  # of each scan: (4, 3) or (0, 3) float32, unit vectors of a camera's corners
+    file: tuple[str, ...] = ()  # (E,) of every element; empty where the prior came as arrays
+    twins: tuple[tuple[Key, ...], ...] = ()  # (E,) the same elements in other files, which have no surface of their own
+
+    def rows(self) -> dict[Key, int]:
+        """Index into `guid` of every element, and of what is the same in other files."""
+        own = zip(self.file or ("",) * len(self.guid), self.guid, strict=True)
+        return {key: row for row, keys in enumerate(self.twins) for key in keys} | {k: row for row, k in enumerate(own)}
 
 
 class Detection(NamedTuple):
@@ -159,6 +183,28 @@ class Detection(NamedTuple):
         return f"{', '.join(found) or 'no mismatch'}{told}"
 
 
+def once(elements: Iterable[ElementVerdict]) -> Iterator[ElementVerdict]:
+    """Elements without those that are the same as one before."""
+    seen: set[Key] = set()
+    for one in elements:
+        if seen.isdisjoint(one.same_as):
+            yield one
+        seen.add(one.key)
+
+
+def with_twins(one: ElementVerdict, building: Building, row: int, semantics: Iterable[int]) -> Iterator[ElementVerdict]:
+    """The verdict of an element of a building, by its row, and of the same in other files, if of classes asked for."""
+    twins = [twin for twin in building.elements.twins[row] if twin.semantic in semantics]
+    keys = [one.key, *((twin.file, twin.guid) for twin in twins)]
+    yield one._replace(same_as=tuple(keys[1:]))
+    for number, twin in enumerate(twins, 1):
+        yield one._replace(
+            guid=twin.guid, ifc_class=twin.ifc_class, name=twin.name,
+            storey=building.storeys.name[twin.storey] if twin.storey >= 0 else "",
+            file=twin.file, same_as=(*keys[:number], *keys[number + 1 :]),
+        )  # fmt: skip
+
+
 def nothing_present(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
     """What speaks against all that was found: that elements are gone, and none is there."""
     count = {verdict: sum(one.verdict == verdict for one in elements) for verdict in VERDICTS}
@@ -170,9 +216,9 @@ def nothing_present(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
 
 def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
     """What a reader must know: that no element is present, and what may stand, or be gone, in part."""
-    known = {one.guid: one for one in elements}
+    known = {one.key: one for one in elements}
     stands = [
-        f"{_named(known.get(one.element))} ({one.element}) is told to be removed, but {one.standing:.0%} of the rays "
+        f"{_named(known.get(one.key))} ({one.element}) is told to be removed, but {one.standing:.0%} of the rays "
         "that tell of it end on it: a part of it may stand"
         for one in mismatches
         if one.mismatch_type == "removed" and one.standing >= STANDS
@@ -180,7 +226,7 @@ def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, .
     holes = [
         f"{_named(one)} ({one.guid}) is told to be present, but {_passed(one):.0%} of the rays that tell of it pass "
         "through its place: a part of it may be gone"
-        for one in elements
+        for one in once(elements)
         if one.verdict == PRESENT and one.rays[0] >= LEAST_THROUGH and _passed(one) >= GONE
     ]
     return (
@@ -256,6 +302,7 @@ def _element(one: ElementVerdict) -> dict[str, Any]:
     evidence = {"points": one.points} | dict(zip(FRACTIONS, one.rays, strict=True))
     told = one._asdict()
     del told["points"], told["rays"]
+    told["same_as"] = [{"file": file, "guid": guid} for file, guid in one.same_as]
     if one.deviation is not None:
         deviation = one.deviation._asdict()
         for private in PRIVATE:
@@ -273,7 +320,17 @@ def told_probability(value: float) -> float:
 
 
 def _prior(one: PriorFile | None) -> dict[str, Any] | None:
-    return None if one is None else one._asdict()  # a unit as it is: a foot has more digits than a micrometre
+    """A unit as it is: a foot has more digits than a micrometre."""
+    if one is None:
+        return None
+    told = one._asdict()
+    del told["sources"]
+    files = [
+        {name: getattr(source, name) for name in ("file", "kind", "unit", "project", "elements")}
+        | {"to_world": source.to_world.tolist()}
+        for source in one.sources
+    ]
+    return told | {"files": files}
 
 
 def _scan(one: ScanRecord) -> dict[str, Any]:

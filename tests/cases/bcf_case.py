@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxmm.reports.bcf import write_bcf
-from jaxmm.reports.bcf_topics import OVERVIEW
+from jaxmm.reports.bcf_topics import OVERVIEW, NewElement
 from tests.cases.detections import true_case
 
 NEW = "2O2Fr$t4X7Zf8NOew3FNr2"  # of an element that the updated model has anew
@@ -39,7 +39,7 @@ def written(moved, tmp_path_factory):
 def older(moved, tmp_path_factory):
     """The same in BCF 2.1, with the GlobalId that the updated model has for the added one."""
     path = tmp_path_factory.mktemp("bcf") / "mismatches.bcf"
-    write_bcf(path, moved, "Tower & annex", WHEN, version="2.1", new={2: NEW})
+    write_bcf(path, moved, "Tower & annex", WHEN, version="2.1", new={2: NewElement(NEW, "updated.ifc")})
     return path
 
 

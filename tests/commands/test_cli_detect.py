@@ -65,6 +65,7 @@ def test_the_report_says_what_moved(report, files):
     assert told["scans"][0]["pose_source"] == "given" and told["registration"]["refined"]
     project = files[3].building.project
     prior = {"file": "room.ifc", "kind": "ifc", "unit": 1.0, "project": project, "sha256": sha256_of(files[0])}
+    prior |= {"files": []}
     assert told["prior"] == prior and len(project) == 22
     assert told["format"] == FORMAT and told["scans"][0]["taken"] == {"date": told["date"], "source": "modified"}
     boxes = {one["guid"]: one["box"] for one in told["elements"]}

@@ -32,7 +32,9 @@ def scan():
     light = np.where(np.isfinite(distance), rng.uniform(0.0, 1.0, len(distance)), 0.0).astype(np.float32)
     rays = (directions, distance, element, semantic, incidence, light)
     ids, storey = ("a", "b", "c"), np.array([0, -1, 0], np.int32)
-    elements = Elements(ids, ("IfcWall", "", "IfcDoor"), ("North", "", "Öffnung"), storey, np.zeros(3, np.uint8))
+    elements = Elements(
+        ids, ("IfcWall", "", "IfcDoor"), ("North", "", "Öffnung"), storey, np.zeros(3, np.uint8), ids, ((),) * 3
+    )
     return writers.SensorScan(GRID, rotation, *rays, elements)
 
 

@@ -9,7 +9,7 @@ from PIL import Image
 
 from jaxmm.inputs import InputError
 from jaxmm.reports.bcf import write_bcf
-from jaxmm.reports.bcf_topics import LABELS, TOPIC_TYPES, global_id
+from jaxmm.reports.bcf_topics import LABELS, TOPIC_TYPES, NewElement, global_id
 from jaxmm.reports.snapshots import EDGES, Camera, best_scan, camera_at, corners_of, project, snapshot
 from jaxmm.verdicts.results import Mismatch
 from tests.cases.bcf_case import NEW, by_index, content_of, only
@@ -51,7 +51,7 @@ def test_removed_elements_are_selected_and_added_ones_are_drawn(moved, written, 
 
 def test_an_added_object_selects_the_element_that_the_updated_model_has_for_it(moved, opened, tmp_path):
     path = tmp_path / "new.bcf"
-    write_bcf(path, moved, new={2: NEW})
+    write_bcf(path, moved, new={2: NewElement(NEW, "updated.ifc")})
     check_schema(content_of(path))
     _, pillar, again = by_index(opened(path))
     info = only(again.viewpoints.values()).visualization_info
@@ -62,7 +62,7 @@ def test_an_added_object_selects_the_element_that_the_updated_model_has_for_it(m
 
 def test_overview_selects_and_shows_all_from_above(moved, opened, tmp_path):
     path = tmp_path / "new.bcf"
-    write_bcf(path, moved, new={2: NEW})
+    write_bcf(path, moved, new={2: NewElement(NEW, "updated.ifc")})
     topic = only(topic for topic in opened(path).topics.values() if topic.topic.topic_type == "Overview")
     assert topic.topic.index == 0 and topic.topic.title == "Overview: 1 added, 2 removed"
     view = only(topic.viewpoints.values())

@@ -67,7 +67,7 @@ def test_page_carries_the_whole_detection(case):
     found = carried(page_text(detection))
     array = {name: decoded(one) for name, one in found["arrays"].items()}
     assert found["report"] == json.loads(json.dumps(to_json(detection)))
-    assert found["guid"] == list(drawing.guid) and not found["thinned"]
+    assert found["key"] == list(drawing.guid) and not found["thinned"]
     for side in ("robot", "prior"):
         assert np.array_equal(array[side], getattr(drawing, side))
         assert np.array_equal(array[f"{side}_evidence"], getattr(drawing, f"{side}_evidence"))

@@ -199,6 +199,7 @@ def test_the_report_says_the_numbers_of_the_detection():
             assert told["told"] == one.told and told["file"] == one.file
         assert (report["prior"] is None) == (detection.prior is None)
         if detection.prior:
+            assert report["prior"].pop("files") == []
             assert PriorFile(**report["prior"]) == detection.prior
         assert report["sentences"] == list(detection.sentences) and len(report["sentences"]) == len(
             detection.mismatches

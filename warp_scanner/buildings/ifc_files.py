@@ -22,6 +22,7 @@ from warp_scanner.buildings.ifc_bodies import keep_bodies
 from warp_scanner.buildings.ifc_grids import place_by_grids
 from warp_scanner.buildings.ifc_maps import to_map
 from warp_scanner.buildings.ifc_model import check_text, identity_of, import_ifcopenshell, open_model, unit_scale
+from warp_scanner.buildings.ifc_zips import plain_file
 from warp_scanner.cores import core_count
 from warp_scanner.guarded import Plain, limits_for, read_guarded
 from warp_scanner.scenes.building import (
@@ -69,7 +70,7 @@ class _Shape(NamedTuple):
 
 
 def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
-    """The building that an IFC file (STEP text, .ifc) describes.
+    """The building that an IFC file (STEP text, .ifc, or packed, .ifczip) describes.
 
     ifcopenshell runs in a process of its own: brackets without end, or a shape that is none, can crash or stall it.
 
@@ -78,14 +79,17 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
         options: whether glass and doors are there.
 
     Raises:
-        ValueError: missing; not IFC or cut off; no length unit, or an unknown one; no element with a shape; so damaged
-            that the library crashes, or takes longer or more memory than `limits_for` the file allows.
+        ValueError: missing; not IFC or cut off; an archive without one model; no length unit, or an unknown one; no
+            element with a shape; so damaged that the library crashes, or takes longer or more memory than `limits_for`
+            the file allows.
         ImportError: ifcopenshell is not installed.
     """
     path = Path(path)
-    check_text(path)
-    import_ifcopenshell()
-    return unpacked(read_guarded(_parsed, path, dataclasses.asdict(options), limits_for(path)))
+    with plain_file(path) as plain:
+        check_text(plain)
+        import_ifcopenshell()
+        building = unpacked(read_guarded(_parsed, plain, dataclasses.asdict(options), limits_for(plain)))
+    return building._replace(elements=building.elements._replace(file=(path.name,) * len(building.elements.guid)))
 
 
 def _parsed(path: Path, options: dict[str, Any]) -> Plain:

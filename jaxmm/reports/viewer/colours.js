@@ -32,10 +32,10 @@ const TINTINGS = ["verdict", "deviation"];
 const tinting = { by: "verdict", tolerance: data.tolerance };
 const OFF_SCALE = offScale(data.deviations); // [m]
 
-function lookOf(guid) {
-  const off = offOfGuid.get(guid) ?? null;
+function lookOf(key) {
+  const off = offOfKey.get(key) ?? null;
   if (tinting.by === "deviation") return offLook(off, tinting.tolerance, OFF_SCALE) ?? NO_VERDICT;
-  return VERDICTS[verdictOfGuid.get(guid)?.verdict] ?? NO_VERDICT;
+  return VERDICTS[verdictOfKey.get(key)?.verdict] ?? NO_VERDICT;
 }
 
 /** "#rrggbb" to [r, g, b] in 0..1. */

@@ -64,17 +64,17 @@ function boxTriangles(mismatch, cut) {
 }
 
 /** Arrows of elements that stand off their places, from the middle of each along its offset. */
-function offsetArrows(guids, bounds) {
+function offsetArrows(keys, bounds) {
   const lines = [];
-  for (const guid of guids) {
-    for (const [start, end] of arrowOf(guid, bounds)) addLine(lines, start, end, packed(ARROW));
+  for (const key of keys) {
+    for (const [start, end] of arrowOf(key, bounds)) addLine(lines, start, end, packed(ARROW));
   }
   return lines;
 }
 
 /** The strokes of one element's arrow, from tail to tip first; none where it was not measured or is not drawn. */
-function arrowOf(guid, bounds) {
-  const [element, off] = [indexOfGuid.get(guid), offOfGuid.get(guid)];
+function arrowOf(key, bounds) {
+  const [element, off] = [indexOfKey.get(key), offOfKey.get(key)];
   if (!off || element === undefined || !Number.isFinite(bounds[6 * element])) return [];
   const middle = [0, 1, 2].map((axis) => (bounds[6 * element + axis] + bounds[6 * element + 3 + axis]) / 2);
   return arrowStrokes(middle, off.offset, arrowsLong);

@@ -59,8 +59,8 @@ function painterOf(gl) {
     gl.bufferData(gl.ARRAY_BUFFER, tintsOf(cornersOf()), gl.STATIC_DRAW);
     painter.edges = lineItem(gl, inked(edges).lines, painter.edges);
   };
-  painter.pointedAt = (guids) => {
-    painter.arrows = lineItem(gl, offsetArrows(guids, bounds), painter.arrows);
+  painter.pointedAt = (keys) => {
+    painter.arrows = lineItem(gl, offsetArrows(keys, bounds), painter.arrows);
   };
   painter.draw = (state, view) => draw(painter, state, view);
   return painter;
@@ -142,7 +142,7 @@ function draw(painter, state, view) {
     drawLines(painter, painter.edges, view, 1.1);
     drawLines(painter, painter.plan, { ...view, between: EVERYWHERE }, 1.8);
   }
-  const element = indexOfGuid.get(state.guid);
+  const element = indexOfKey.get(state.key);
   if (element !== undefined) drawChosen(painter, element, view);
   const whole = { ...view, between: EVERYWHERE }; // boxes are cut already, and sensors may stand above it
   if (state.layers.boxes) painter.boxes.forEach((box, index) => drawBox(painter, box, index === state.mismatch, whole));
@@ -225,7 +225,7 @@ function drawLines({ gl, programs, nothing }, item, view, width, { instead = [0,
 function drawChosen(painter, element, view) {
   const { gl } = painter;
   const part = [3 * arrays.first[element], 3 * arrays.first[element + 1]];
-  drawTriangles(painter, painter.surface, view, { instead: [...rgb(lookOf(data.guid[element]).tint), 0.42], part });
+  drawTriangles(painter, painter.surface, view, { instead: [...rgb(lookOf(data.key[element]).tint), 0.42], part });
   const outline = [painter.edgeStarts[element], painter.edgeStarts[element + 1]];
   gl.disable(gl.DEPTH_TEST);
   drawLines(painter, painter.edges, view, 2.4, { instead: [...rgb(ink()), 1], part: outline });

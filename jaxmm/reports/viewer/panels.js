@@ -6,17 +6,17 @@ const MOST_DISPLACED = 100; // listed beside the view; the table has all
 function showChosen(state, actions) {
   const panel = byId("chosen");
   panel.replaceChildren();
-  if (state.guid === null && state.mismatch < 0) return;
-  const title = state.mismatch >= 0 ? `Mismatch ${mismatchName(state.mismatch)}` : elementName(state.guid);
+  if (state.key === null && state.mismatch < 0) return;
+  const title = state.mismatch >= 0 ? `Mismatch ${mismatchName(state.mismatch)}` : elementName(state.key);
   const close = make("button", { click: () => actions.clear(), "aria-label": "Close" }, "×");
   panel.append(make("div", { class: "head" }, make("h2", {}, title), close));
   if (state.mismatch >= 0) panel.append(mismatchPairs(state.mismatch, actions));
-  if (state.guid !== null) panel.append(...elementNodes(state.guid, state.mismatch >= 0));
+  if (state.key !== null) panel.append(...elementNodes(state.key, state.mismatch >= 0));
   panel.append(make("button", { click: () => actions.look() }, "Look at it"));
 }
 
-function elementName(guid) {
-  const one = verdictOfGuid.get(guid);
+function elementName(key) {
+  const one = verdictOfKey.get(key);
   return one?.name || one?.ifc_class || "Element";
 }
 
@@ -37,16 +37,18 @@ function mismatchPairs(index, actions) {
   ]);
 }
 
-function elementNodes(guid, named) {
-  const one = verdictOfGuid.get(guid);
-  const id = make("code", {}, guid);
-  const element = indexOfGuid.get(guid);
+function elementNodes(key, named) {
+  const one = verdictOfKey.get(key);
+  const id = make("code", {}, one ? one.guid : key);
+  const element = indexOfKey.get(key);
   const drawn = element !== undefined && arrays.first[element + 1] > arrays.first[element];
   const surface = drawn ? null : "not in this view";
   if (!one) return [pairs([["GlobalId", id], ["verdict", "none was asked for"], ["surface", surface]])];
   const rows = pairs([
     ["element", named ? one.name || null : null],
     ["GlobalId", id],
+    ["file", one.file || null],
+    ["same as", one.same_as.length ? one.same_as.map((other) => `${other.guid} of ${other.file}`).join(", ") : null],
     ["class", one.ifc_class || null],
     ["storey", one.storey || null],
     ["surface", surface],
@@ -60,7 +62,7 @@ function elementNodes(guid, named) {
 
 /** How far off its place an element stands; nothing of one that was not measured. */
 function offsetNodes(one) {
-  const [told, off] = [one.deviation, offOfGuid.get(one.guid)];
+  const [told, off] = [one.deviation, offOfKey.get(one.key)];
   if (!told || !off) return [];
   const inMillimetres = (value) => fixed(1000 * value, off.half < 0.0005 ? 1 : 0);
   const axes = ["x", "y", "z"].map((name, axis) => {
@@ -119,10 +121,10 @@ function showMismatches(state, actions) {
 function showDisplaced(state, actions) {
   byId("displaced").hidden = !displacedElements.length;
   const rows = displacedElements.slice(0, MOST_DISPLACED).map((one) => {
-    const chosen = one.guid === state.guid;
-    const click = () => { actions.choose(one.guid); actions.look(); };
+    const chosen = one.key === state.key;
+    const click = () => { actions.choose(one.key); actions.look(); };
     const look = { class: `displaced${chosen ? " chosen" : ""}`, click, "aria-pressed": String(chosen) };
-    return make("li", {}, make("button", look, offOfGuid.get(one.guid).sentence));
+    return make("li", {}, make("button", look, offOfKey.get(one.key).sentence));
   });
   byId("displaced-list").replaceChildren(...rows);
   const left = displacedElements.length - rows.length;

@@ -16,8 +16,8 @@ function cornersOf() {
 /** The colour of each of those corners `place`, in the light that falls on its triangle. */
 function tintsOf(place) {
   const tint = new Uint32Array(3 * triangleCount);
-  data.guid.forEach((guid, element) => {
-    const look = lookOf(guid);
+  data.key.forEach((key, element) => {
+    const look = lookOf(key);
     tint.fill(packed(look.tint, look.fill), 3 * arrays.first[element], 3 * arrays.first[element + 1]);
   });
   return lit(tint, place);
@@ -116,8 +116,8 @@ function edgeLines() {
 
 /** The same edges in the colours that their elements have now. */
 function inked(edges) {
-  data.guid.forEach((guid, element) => {
-    const ink = packed(lookOf(guid).tint, verdictOfGuid.has(guid) ? 0.75 : 0.35);
+  data.key.forEach((key, element) => {
+    const ink = packed(lookOf(key).tint, verdictOfKey.has(key) ? 0.75 : 0.35);
     for (let line = edges.starts[element]; line < edges.starts[element + 1]; line++) edges.lines[LINE * line + 6] = ink;
   });
   return edges;
@@ -129,7 +129,7 @@ function planLines(bounds, z) {
   const v = arrays.vertices;
   for (let element = 0; element < elementCount; element++) {
     if (!(bounds[6 * element + 2] < z && bounds[6 * element + 5] > z)) continue;
-    const ink = packed(lookOf(data.guid[element]).tint);
+    const ink = packed(lookOf(data.key[element]).tint);
     for (let triangle = arrays.first[element]; triangle < arrays.first[element + 1]; triangle++) {
       const ends = [];
       for (let k = 0; k < 3; k++) {

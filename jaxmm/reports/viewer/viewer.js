@@ -5,7 +5,7 @@ const state = {
   mode: "probability",
   cut: data.frame.cut, // [m] above it nothing is drawn, unless the ceiling is
   hidden: new Set(), // scans
-  guid: null, // chosen element
+  key: null, // chosen element
   mismatch: -1, // chosen mismatch
 };
 const canvas = byId("canvas");
@@ -104,43 +104,43 @@ function paint() {
 }
 
 const actions = {
-  /** Choose an element by its GlobalId, and the mismatch that it is; says whether it exists. */
-  choose(guid) {
-    const known = indexOfGuid.has(guid) || verdictOfGuid.has(guid);
-    if (known) choose(guid, mismatchOfGuid.get(guid) ?? -1);
+  /** Choose an element by its key, and the mismatch that it is; says whether it exists. */
+  choose(key) {
+    const known = indexOfKey.has(key) || verdictOfKey.has(key);
+    if (known) choose(key, mismatchOfKey.get(key) ?? -1);
     return known;
   },
   chooseMismatch(index) {
     const known = index in report.mismatches;
-    if (known) choose(report.mismatches[index].element, index);
+    if (known) choose(data.mismatch_key[index], index);
     return known;
   },
   clear: () => choose(null, -1),
   /** Let the camera fly to what is chosen. */
   look() {
-    const place = painter && placeOf(state.guid, state.mismatch, painter.bounds);
+    const place = painter && placeOf(state.key, state.mismatch, painter.bounds);
     if (!place) return;
     if (!state.layers.ceiling) place.high[2] = Math.max(place.low[2], Math.min(place.high[2], state.cut));
     fly(closeUp(camera, place, aspect()));
   },
 };
 
-function choose(guid, mismatch) {
-  Object.assign(state, { guid, mismatch });
+function choose(key, mismatch) {
+  Object.assign(state, { key, mismatch });
   if (painter) {
-    painter.proposed(verdictOfGuid.get(guid)?.next_view ?? null);
+    painter.proposed(verdictOfKey.get(key)?.next_view ?? null);
     painter.pointedAt(pointedAt());
   }
   refresh();
   // On a small screen what is chosen is told below the view.
   const isSmall = window.matchMedia("(max-width: 900px)").matches;
-  if (isSmall && (guid !== null || mismatch >= 0)) byId("stage").scrollIntoView?.({ block: "start" });
+  if (isSmall && (key !== null || mismatch >= 0)) byId("stage").scrollIntoView?.({ block: "start" });
 }
 
 /** What has an arrow: displaced elements, and the chosen one if it was measured. */
 function pointedAt() {
-  const guids = new Set(displacedElements.map((one) => one.guid));
-  return state.guid === null ? guids : guids.add(state.guid);
+  const keys = new Set(displacedElements.map((one) => one.key));
+  return state.key === null ? keys : keys.add(state.key);
 }
 
 /** Elements are coloured anew, by what `tinting` says now. */
@@ -160,7 +160,7 @@ function clicked(x, y) {
     lastClick = { x, y, camera, met: metBy(ray, state, painter.bounds, drawnHeights()), turn: 0 };
   }
   const one = lastClick.met[lastClick.turn % Math.max(1, lastClick.met.length)];
-  if (one) choose(one.guid, one.mismatch);
+  if (one) choose(one.key, one.mismatch);
   else actions.clear();
 }
 
@@ -169,7 +169,7 @@ function refresh() {
   showMismatches(state, actions);
   showDisplaced(state, actions);
   showLegend(state);
-  markRow(state.guid);
+  markRow(state.key);
   syncControls();
   syncTinting();
   redraw();
@@ -200,7 +200,7 @@ function openHook() {
   const hook = {
     layers,
     webgl: painter !== null,
-    select: (guid) => (guid === null ? actions.clear() : actions.choose(guid)),
+    select: (key) => (key === null ? actions.clear() : actions.choose(key)),
     selectMismatch: actions.chooseMismatch,
     tinting,
     /** Where a world position is in the window [CSS pixel]; null behind the eye. */
@@ -211,7 +211,7 @@ function openHook() {
     },
   };
   const told = {
-    selected: () => state.guid, selectedMismatch: () => (state.mismatch < 0 ? null : state.mismatch),
+    selected: () => state.key, selectedMismatch: () => (state.mismatch < 0 ? null : state.mismatch),
     still: () => !flight && !waiting && settling === null,
   };
   for (const [name, get] of Object.entries(told)) Object.defineProperty(hook, name, { enumerable: true, get });
