@@ -97,10 +97,11 @@ def pcl(path: Path) -> Read:
         if path.suffix == ".ply":
             cloud = Path(folder) / "read.pcd"
             _run([_program("pcl_ply2pcd"), "-format", "1", str(path), str(cloud)])
-        out = Path(folder) / "same.pcd"
-        _run([_program("pcl_transform_point_cloud"), str(cloud), str(out), "-trans", "0,0,0"])
+        same, out = Path(folder) / "same.pcd", Path(folder) / "plain.pcd"
+        _run([_program("pcl_transform_point_cloud"), str(cloud), str(same), "-trans", "0,0,0"])
+        _run([_program("pcl_convert_pcd_ascii_binary"), str(same), str(out), "1"])  # it packs by itself
         header, _, body = out.read_bytes().partition(b"DATA binary\n")
-        told = {line.split()[0]: line.split()[1:] for line in header.decode().splitlines()}
+        told = {line.split()[0]: line.split()[1:] for line in header.decode("latin-1").splitlines()}
         kinds = [f"<{letter.lower()}{size}" for letter, size in zip(told["TYPE"], told["SIZE"], strict=True)]
         table = np.frombuffer(body, list(zip(told["FIELDS"], kinds, strict=True)), int(told["POINTS"][0]))
     return np.column_stack([table[axis].astype(float) for axis in "xyz"]), told["FIELDS"][3:]

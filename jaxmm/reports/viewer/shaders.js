@@ -27,7 +27,7 @@ void main() {
 }`,
 ];
 
-// Six corners a line, without attributes: as instances, lines take a software renderer a hundred times as long.
+// Six corners a line, without attributes: a software renderer takes far longer for instances.
 const LINE_SHADERS = [
   `#version 300 es
 #define LINES_A_ROW 1024
