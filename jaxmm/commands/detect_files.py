@@ -21,8 +21,6 @@ from jaxmm.inputs import InputError, Misfit, clipped
 from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
-from jaxmm.reports.bcf import write_bcf
-from jaxmm.reports.detection_figures import write_figures
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
 from jaxmm.reports.workbook import MISSING, WORKBOOK, write_workbook
@@ -149,6 +147,9 @@ def write_all(
     Raises:
         InputError: the folder holds something, or cannot be written.
     """
+    from jaxmm.reports.bcf import write_bcf  # Matplotlib takes half a second to load, and `detect` alone draws nothing
+    from jaxmm.reports.detection_figures import write_figures
+
     prior, out = Path(prior), Path(out)
     check_empty(out, "--out")
     start, said = time.perf_counter(), []
