@@ -72,6 +72,7 @@ def detect(options: argparse.Namespace) -> None:
     """Read, compare, write, and print what was found."""
     from jaxmm.files import check_empty, check_folder
     from jaxmm.formats.poses import read_poses
+    from warp_scanner.buildings.ifc_files import reading_ahead
 
     check_folder(options.out, "--out")
     check_empty(options.out, "--out")
@@ -82,6 +83,11 @@ def detect(options: argparse.Namespace) -> None:
         if not scan.exists():
             raise InputError(f"{scan}: expected a scan file, or a folder of depth images, found nothing there")
     poses = read_poses(options.pose) or None
+    with reading_ahead(options.prior, _prior_options(options)):
+        _detect(options, poses)
+
+
+def _detect(options: argparse.Namespace, poses: list | None) -> None:
     sensor = _sensor(options.sensor)
 
     from jaxmm.commands import detect_files  # takes seconds: what is wrong with the words above is said before
@@ -120,11 +126,16 @@ def _sensor(asked: str | None):
 
 def _reading(options: argparse.Namespace, sensor):
     from jaxmm.commands.detect_files import Reading
-    from warp_scanner.scenes.building import ReadOptions
 
     _check_kind(options)
+    return Reading(_prior_options(options), options.unit, options.frame, sensor, options.topic)
+
+
+def _prior_options(options: argparse.Namespace):
+    from warp_scanner.scenes.building import ReadOptions
+
     try:
-        prior = ReadOptions(
+        return ReadOptions(
             glass="transparent" if options.clear_glass else "solid",
             doors="open" if options.open_doors else "closed",
             y_up=None if options.up is None else options.up == "y",
@@ -132,7 +143,6 @@ def _reading(options: argparse.Namespace, sensor):
         )
     except ValueError as error:
         raise InputError(str(error)) from error
-    return Reading(prior, options.unit, options.frame, sensor, options.topic)
 
 
 def _check_kind(options: argparse.Namespace) -> None:
