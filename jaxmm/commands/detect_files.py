@@ -21,6 +21,7 @@ from jaxmm.inputs import InputError, Misfit, clipped
 from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
+from jaxmm.reports import drawing_process
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
 from jaxmm.reports.workbook import MISSING, WORKBOOK, write_workbook
@@ -147,25 +148,22 @@ def write_all(
     Raises:
         InputError: the folder holds something, or cannot be written.
     """
-    from jaxmm.reports.bcf import write_bcf  # Matplotlib takes half a second to load, and `detect` alone draws nothing
-    from jaxmm.reports.detection_figures import write_figures
-
     prior, out = Path(prior), Path(out)
     check_empty(out, "--out")
     start, said = time.perf_counter(), []
 
     def write(work: Path) -> None:
-        write_figures(work, detection)
+        drawn = drawing_process.begin(work, detection, prior.stem)
         write_page(work / "report.html", detection)
-        write_bcf(work / "mismatches.bcf", detection, project=prior.stem)
         if prior.suffix.lower() == ".ifc":
             said.extend(write_update(prior, detection, work, apply=apply).notes)
             if as_built:
                 said.extend(write_as_built(prior, detection, work))
-        timing = detection.timing | {"writing": time.perf_counter() - start}
-        write_plain(work, detection._replace(timing=timing))
         if not write_workbook(work / WORKBOOK, detection):
             said.append(MISSING)
+        drawn()
+        timing = detection.timing | {"writing": time.perf_counter() - start}
+        write_plain(work, detection._replace(timing=timing))
 
     try:
         write_folder(out, write)

@@ -91,6 +91,7 @@ def _detect(options: argparse.Namespace, poses: list | None) -> None:
     sensor = _sensor(options.sensor)
 
     from jaxmm.commands import detect_files  # takes seconds: what is wrong with the words above is said before
+    from jaxmm.reports.drawing_process import drawing_beside
     from jaxmm.reports.plain_files import sentences_of
     from jaxmm.verdicts.settings import load_settings
     from jaxmm.weights import DEFAULT
@@ -100,14 +101,16 @@ def _detect(options: argparse.Namespace, poses: list | None) -> None:
         given["refine"] = False
     if options.classes:
         given["classes"] = [name.strip() for names in options.classes for name in names.split(",")]
-    settings = load_settings(options.settings, **given)
-    detection = detect_files.detect(
-        options.prior, options.scans, poses,
-        reading=_reading(options, sensor), settings=settings, model=options.model or DEFAULT,
-    )  # fmt: skip
-    for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
-        print(note)
-    said = detect_files.write_all(detection, options.prior, options.out, apply=options.apply, as_built=options.as_built)
+    settings, reading = load_settings(options.settings, **given), _reading(options, sensor)
+    with drawing_beside():
+        detection = detect_files.detect(
+            options.prior, options.scans, poses, reading=reading, settings=settings, model=options.model or DEFAULT
+        )
+        for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
+            print(note)
+        said = detect_files.write_all(
+            detection, options.prior, options.out, apply=options.apply, as_built=options.as_built
+        )
     for line in (*said, *sentences_of(detection), detection.summary()):
         print(line)
     print(f"reports: {options.out}")
