@@ -1,5 +1,7 @@
 """How kernels are fetched, fed and shared out on the CPU, where a launch runs on one core."""
 
+import functools
+import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -44,8 +46,17 @@ def share_out(launch: Callable[[int, int], None], count: int, threads: int, at_o
         for piece in pieces:
             launch(*piece)
         return
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(lambda piece: launch(*piece), pieces))
+    list(_pool(threads).map(lambda piece: launch(*piece), pieces))
+
+
+@functools.cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """Threads that stay: a scan takes a hundred calls, and starting threads for each costs more than some of them."""
+    return ThreadPoolExecutor(threads)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a copy of this process has none of its threads
 
 
 def thread_count(threads: int | None) -> int:
