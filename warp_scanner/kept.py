@@ -15,7 +15,9 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 def cache_folder(name: str) -> Path:
-    """Where things of a kind live: beside the source tree when there is one, else with the user's caches."""
+    """Where things of a kind live: below JAXMM_CACHE, or else `.cache` of the source tree, or the user's caches."""
+    if asked := os.environ.get("JAXMM_CACHE"):
+        return Path(asked) / name
     root = Path(__file__).resolve().parent.parent
     if (root / "pyproject.toml").is_file() and os.access(root, os.W_OK):
         return root / ".cache" / name
