@@ -42,10 +42,10 @@ ROOT = Path(__file__).resolve().parents[1]
 NOTHING_KEPT = {"JAXMM_KEEP_MODELS": "0"}
 WARM = """
 import sys, time
-from jaxmm import detect
+from jaxmm import detect, parse_pose
 for line in sys.stdin:
     wall, busy = time.perf_counter(), time.process_time()
-    detect(*sys.argv[1:3], sys.argv[3])
+    detect(*sys.argv[1:3], parse_pose(sys.argv[3]))
     print(time.perf_counter() - wall, time.process_time() - busy, flush=True)
 """
 

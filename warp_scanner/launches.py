@@ -1,9 +1,10 @@
 """How kernels are fetched, fed and shared out on the CPU, where a launch runs on one core."""
 
 import functools
+import importlib
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
 
@@ -26,6 +27,19 @@ def load(kernels: ModuleType) -> None:
     with _loading:
         start_quietly()
         wp.load_module(kernels, device="cpu")
+
+
+def load_ahead(names: Sequence[str]) -> None:
+    """Load files of kernels in the background, by name, in this order; whoever needs one meanwhile waits for it.
+
+    Where nothing is compiled yet, it is while other things are read: the compiler leaves the interpreter alone.
+    """
+
+    def work() -> None:
+        for name in names:
+            load(importlib.import_module(f"warp_scanner.kernels.{name}"))
+
+    threading.Thread(target=work, name="kernels").start()
 
 
 def share(array: np.ndarray, dtype: type) -> wp.array:

@@ -22,6 +22,8 @@ FRAMES = (
 )
 UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
 CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
+# What every detection in a building launches, in the order of first use.
+KERNELS = ("triangles", "voxels", "planes", "neighbours", "sightlines", "surface")
 AS_BUILT = "also write as_built.ifc: the model with displaced elements where they were measured"
 SETTINGS = (
     'any field of jaxmm/verdicts/settings.py, as TOML: classes = ["wall"], or of a table in it: objects.threshold = 0.4'
@@ -95,6 +97,7 @@ def _detect(options: argparse.Namespace, poses: list | None) -> None:
     from jaxmm.reports.plain_files import sentences_of
     from jaxmm.verdicts.settings import load_settings
     from jaxmm.weights import DEFAULT
+    from warp_scanner.launches import load_ahead
 
     given = {"preset": options.preset} if options.preset else {}
     if options.no_refine:
@@ -103,6 +106,7 @@ def _detect(options: argparse.Namespace, poses: list | None) -> None:
         given["classes"] = [name.strip() for names in options.classes for name in names.split(",")]
     settings, reading = load_settings(options.settings, **given), _reading(options, sensor)
     with drawing_beside():
+        load_ahead(KERNELS)
         detection = detect_files.detect(
             options.prior, options.scans, poses, reading=reading, settings=settings, model=options.model or DEFAULT
         )
