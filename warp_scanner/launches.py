@@ -29,17 +29,10 @@ def load(kernels: ModuleType) -> None:
         wp.load_module(kernels, device="cpu")
 
 
-def load_ahead(names: Sequence[str]) -> None:
-    """Load files of kernels in the background, by name, in this order; whoever needs one meanwhile waits for it.
-
-    Where nothing is compiled yet, it is while other things are read: the compiler leaves the interpreter alone.
-    """
-
-    def work() -> None:
-        for name in names:
-            load(importlib.import_module(f"warp_scanner.kernels.{name}"))
-
-    threading.Thread(target=work, name="kernels").start()
+def load_all(names: Sequence[str]) -> None:
+    """Load files of kernels by name, in this order; whoever needs one meanwhile, in another thread, waits for it."""
+    for name in names:
+        load(importlib.import_module(f"warp_scanner.kernels.{name}"))
 
 
 def share(array: np.ndarray, dtype: type) -> wp.array:

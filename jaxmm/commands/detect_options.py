@@ -1,6 +1,8 @@
 """`jaxmm detect` and `jaxmm revert` on the command line: their options, and what is printed."""
 
 import argparse
+import contextlib
+import threading
 from pathlib import Path
 
 from jaxmm.inputs import InputError
@@ -97,7 +99,6 @@ def _detect(options: argparse.Namespace, poses: list | None) -> None:
     from jaxmm.reports.plain_files import sentences_of
     from jaxmm.verdicts.settings import load_settings
     from jaxmm.weights import DEFAULT
-    from warp_scanner.launches import load_ahead
 
     given = {"preset": options.preset} if options.preset else {}
     if options.no_refine:
@@ -106,7 +107,9 @@ def _detect(options: argparse.Namespace, poses: list | None) -> None:
         given["classes"] = [name.strip() for names in options.classes for name in names.split(",")]
     settings, reading = load_settings(options.settings, **given), _reading(options, sensor)
     with drawing_beside():
-        load_ahead(KERNELS)
+        threading.Thread(
+            target=_load_ahead, args=(options.prior,), name="loading"
+        ).start()  # not before: no process with threads is split
         detection = detect_files.detect(
             options.prior, options.scans, poses, reading=reading, settings=settings, model=options.model or DEFAULT
         )
@@ -118,6 +121,19 @@ def _detect(options: argparse.Namespace, poses: list | None) -> None:
     for line in (*said, *sentences_of(detection), detection.summary()):
         print(line)
     print(f"reports: {options.out}")
+
+
+def _load_ahead(prior: Path) -> None:
+    """What is needed later, in a thread of its own: compilers, and rays that are cast, leave the interpreter to it."""
+    from warp_scanner.buildings.ifc_model import import_ifcopenshell
+    from warp_scanner.launches import load_all
+
+    load_all(KERNELS)
+    if prior.suffix.lower() == ".ifc":
+        with contextlib.suppress(ImportError):
+            import_ifcopenshell()
+    with contextlib.suppress(ImportError):
+        import openpyxl  # noqa: F401
 
 
 def _sensor(asked: str | None):
