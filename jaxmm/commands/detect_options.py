@@ -107,9 +107,8 @@ def _detect(options: argparse.Namespace, poses: list | None) -> None:
         given["classes"] = [name.strip() for names in options.classes for name in names.split(",")]
     settings, reading = load_settings(options.settings, **given), _reading(options, sensor)
     with drawing_beside():
-        threading.Thread(
-            target=_load_ahead, args=(options.prior,), name="loading"
-        ).start()  # not before: no process with threads is split
+        # Not before: a process with threads is not split.
+        threading.Thread(target=_load_ahead, args=(options.prior,), name="loading").start()
         detection = detect_files.detect(
             options.prior, options.scans, poses, reading=reading, settings=settings, model=options.model or DEFAULT
         )
@@ -128,11 +127,10 @@ def _load_ahead(prior: Path) -> None:
     from warp_scanner.buildings.ifc_model import import_ifcopenshell
     from warp_scanner.launches import load_all
 
-    load_all(KERNELS)
-    if prior.suffix.lower() == ".ifc":
-        with contextlib.suppress(ImportError):
+    with contextlib.suppress(Exception):  # whoever needs it tells
+        load_all(KERNELS)
+        if prior.suffix.lower() == ".ifc":
             import_ifcopenshell()
-    with contextlib.suppress(ImportError):
         import openpyxl  # noqa: F401
 
 
