@@ -14,16 +14,6 @@ SUFFIX = ".kept"
 _DIGEST = hashlib.sha256().digest_size
 
 
-def cache_folder(name: str) -> Path:
-    """Where things of a kind live: below JAXMM_CACHE, or else `.cache` of the source tree, or the user's caches."""
-    if asked := os.environ.get("JAXMM_CACHE"):
-        return Path(asked) / name
-    root = Path(__file__).resolve().parent.parent
-    if (root / "pyproject.toml").is_file() and os.access(root, os.W_OK):
-        return root / ".cache" / name
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxmm" / name
-
-
 class Store:
     """A folder of at most `most` bytes; those that were not used for longest are dropped first."""
 

@@ -11,7 +11,8 @@ from tests.cases.valid_ifc import ifc_text
 from tests.warp_scanner.test_building_arrays import assert_same
 from warp_scanner.buildings import kept_models
 from warp_scanner.buildings.ifc_files import read_ifc, reading_ahead
-from warp_scanner.kept import SUFFIX, Store, cache_folder
+from warp_scanner.caches import cache_folder
+from warp_scanner.kept import SUFFIX, Store
 from warp_scanner.scenes.building import ReadOptions
 
 

@@ -17,8 +17,9 @@ from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
+from warp_scanner.caches import cache_folder
 from warp_scanner.guarded import Plain, answer_of, begin, drop, from_bytes, limits_for, save
-from warp_scanner.kept import Store, cache_folder
+from warp_scanner.kept import Store
 from warp_scanner.scenes.building import ReadOptions
 
 VARIABLE = "JAXMM_KEEP_MODELS"
