@@ -21,7 +21,7 @@ from jaxmm.inputs import InputError, Misfit, clipped
 from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
-from jaxmm.reports import drawing_process
+from jaxmm.reports.drawing_process import drawing
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
 from jaxmm.reports.workbook import MISSING, WORKBOOK, write_workbook
@@ -153,15 +153,14 @@ def write_all(
     start, said = time.perf_counter(), []
 
     def write(work: Path) -> None:
-        drawn = drawing_process.begin(work, detection, prior.stem)
-        write_page(work / "report.html", detection)
-        if prior.suffix.lower() == ".ifc":
-            said.extend(write_update(prior, detection, work, apply=apply).notes)
-            if as_built:
-                said.extend(write_as_built(prior, detection, work))
-        if not write_workbook(work / WORKBOOK, detection):
-            said.append(MISSING)
-        drawn()
+        with drawing(work, detection, prior.stem):
+            write_page(work / "report.html", detection)
+            if prior.suffix.lower() == ".ifc":
+                said.extend(write_update(prior, detection, work, apply=apply).notes)
+                if as_built:
+                    said.extend(write_as_built(prior, detection, work))
+            if not write_workbook(work / WORKBOOK, detection):
+                said.append(MISSING)
         timing = detection.timing | {"writing": time.perf_counter() - start}
         write_plain(work, detection._replace(timing=timing))
 

@@ -9,7 +9,7 @@ import multiprocessing
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def draw(folder: Path, detection: Detection, project: str) -> None:
 
 @contextlib.contextmanager
 def drawing_beside() -> Iterator[None]:
-    """Within, `begin` finds a process that is ready to draw."""
+    """Within, `drawing` finds a process that is ready."""
     process = None
     if _can_split():
         near, far = multiprocessing.Pipe()
@@ -51,23 +51,28 @@ def drawing_beside() -> Iterator[None]:
             process.join()
 
 
-def begin(folder: Path, detection: Detection, project: str) -> Callable[[], None]:
-    """Begin to `draw`, or do it at once; returns what waits for the end, and raises what `draw` does."""
+@contextlib.contextmanager
+def drawing(folder: Path, detection: Detection, project: str) -> Iterator[None]:
+    """`draw` while what is within goes on; all is drawn, or told to have failed, when it ends.
+
+    Raises:
+        OSError: as `draw` does.
+    """
     if not _waiting:
         draw(folder, detection, project)
-        return lambda: None
+        yield
+        return
     near = _waiting.pop()
     near.send((folder, detection, project))
-
-    def finish() -> None:
+    try:
+        yield
+    finally:  # whatever went wrong within: nobody may still write into the folder afterwards
         try:
             error = near.recv()
         except EOFError:
-            raise OSError(None, "the process that draws was ended", str(folder)) from None
-        if error is not None:
-            raise error
-
-    return finish
+            error = OSError(None, "the process that draws was ended", str(folder))
+    if error is not None:
+        raise error
 
 
 def _can_split() -> bool:

@@ -24,9 +24,10 @@ def draw(folder, detection, project):
 drawing_process.draw = draw
 folder = Path(sys.argv[1])
 with drawing_process.drawing_beside():
-    finish = drawing_process.begin(folder, sys.argv[2], "house")
     try:
-        finish()
+        with drawing_process.drawing(folder, sys.argv[2], "house"):
+            if sys.argv[2] == "interrupted":
+                raise OSError(4, "Interrupted")
     except OSError as error:
         print("error", error.errno, error.strerror)
     else:
@@ -34,7 +35,8 @@ with drawing_process.drawing_beside():
         print(int(number) != os.getpid(), *words)
 with drawing_process.drawing_beside():
     pass
-drawing_process.begin(folder, "in place", "house")()
+with drawing_process.drawing(folder, "in place", "house"):
+    pass
 print((folder / "drawn").read_text().split()[0] == str(os.getpid()), drawing_process._waiting)
 print(os.path.exists(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
       and Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text())
@@ -47,6 +49,7 @@ print(os.path.exists(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
     [
         ("detection", "True detection house"),
         ("fails", "error 28 No space left on device"),
+        ("interrupted", "error 4 Interrupted"),
         ("dies", "error None the process that draws was ended"),
     ],
 )
@@ -65,6 +68,5 @@ def test_with_other_threads_about_everything_is_drawn_in_place(tmp_path, monkeyp
     drawn = []
     monkeypatch.setattr(drawing_process, "draw", lambda *words: drawn.append(words))
     with drawing_process.drawing_beside():
-        finish = drawing_process.begin(tmp_path, "detection", "house")
-        assert drawn == [(tmp_path, "detection", "house")]
-        finish()
+        with drawing_process.drawing(tmp_path, "detection", "house"):
+            assert drawn == [(tmp_path, "detection", "house")]
