@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 import jaxmm.reports.notebook  # noqa: F401 - with it, notebooks show a detection
 from jaxmm.files import check_empty, write_folder
@@ -65,6 +66,7 @@ class Reading:
             raise InputError(f"--unit: expected a length in metres above 0, got {self.unit:g}")
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # products are small: threads would wait more than they compute
 def detect(
     prior: Path | str,
     scans: Sequence[Path | str] | Path | str,
