@@ -1,6 +1,7 @@
 """Work is shared out whole, to threads that stay, and not to those of a process that this one is a copy of."""
 
 import os
+import signal
 import sys
 import threading
 
@@ -38,6 +39,7 @@ def test_a_copy_of_the_process_makes_threads_of_its_own():
     share_out(lambda *_: None, 100, 2)
     number = os.fork()
     if not number:
+        signal.alarm(20)  # it would wait for threads that it does not have
         done = []
         share_out(lambda *_: done.append(1), 10, 2, at_once=1)
         os._exit(0 if len(done) == 10 else 1)
