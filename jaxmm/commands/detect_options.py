@@ -75,7 +75,6 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
 def detect(options: argparse.Namespace) -> None:
     """Read, compare, write, and print what was found."""
     from jaxmm.files import check_empty, check_folder
-    from jaxmm.formats.poses import read_poses
     from warp_scanner.buildings.ifc_files import reading_ahead
 
     check_folder(options.out, "--out")
@@ -86,13 +85,14 @@ def detect(options: argparse.Namespace) -> None:
     for scan in options.scans:
         if not scan.exists():
             raise InputError(f"{scan}: expected a scan file, or a folder of depth images, found nothing there")
-    poses = read_poses(options.pose) or None
     with reading_ahead(options.prior, _prior_options(options)):
-        _detect(options, poses)
+        _detect(options)
 
 
-def _detect(options: argparse.Namespace, poses: list | None) -> None:
-    sensor = _sensor(options.sensor)
+def _detect(options: argparse.Namespace) -> None:
+    from jaxmm.formats.poses import read_poses  # SciPy, and the sensor's Warp, load while the model is read
+
+    poses, sensor = read_poses(options.pose) or None, _sensor(options.sensor)
 
     from jaxmm.commands import detect_files  # takes seconds: what is wrong with the words above is said before
     from jaxmm.reports.drawing_process import drawing_beside
