@@ -40,7 +40,7 @@ from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, P
 
 # The plain CGAL kernel loses elements without a word; this one falls back on OpenCASCADE for what CGAL cannot do.
 _KERNEL = "hybrid-cgal-simple-opencascade"
-_THREADS = 1  # of its iterator: two took longer than one on seven of eight files, and 1.2 to 8 times the computing
+_THREADS = 1  # of its iterator: two are no faster on seven of eight files, and take 1.2 to 8 times the computing
 _GLOBAL_ID = re.compile(r"[0-3][0-9A-Za-z_$]{21}")
 _CLEAR = 0.3  # transparency from which a material counts as glass
 # Own what they are put together from; a slab what is of none of the others.
