@@ -4,7 +4,7 @@ import os
 
 import lazy_loader
 
-from jaxmm.caches import cache_folder
+from warp_scanner.caches import cache_folder
 
 # JAX reads this when it is first imported, so it must stand before any other import of the package.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache_folder("jax")))

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 import jaxmm.reports.notebook  # noqa: F401 - with it, notebooks show a detection
 from jaxmm.devices import single_precision
@@ -22,9 +23,8 @@ from jaxmm.inputs import InputError, Misfit, clipped
 from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
-from jaxmm.reports.bcf import VERSIONS, write_bcf
-from jaxmm.reports.bcf_topics import NewElement
-from jaxmm.reports.detection_figures import write_figures
+from jaxmm.reports.bcf_request import VERSIONS, NewElement
+from jaxmm.reports.drawing_process import drawing
 from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
 from jaxmm.reports.workbook import MISSING, WORKBOOK, write_workbook
@@ -70,6 +70,7 @@ class Reading:
 
 
 @single_precision()
+@threadpool_limits.wrap(limits=1, user_api="blas")  # products are small: threads would wait more than they compute
 def detect(
     prior: Path | str,
     scans: Sequence[Path | str] | Path | str,
@@ -176,20 +177,20 @@ def write_all(
     start, said = time.perf_counter(), []
 
     def write(work: Path) -> None:
-        write_figures(work, detection)
-        write_page(work / "report.html", detection)
-        new = {}
-        if model.has_ifc:
-            updates = write_updates(model, detection, work, apply=apply)
-            new = {number: NewElement(*where) for number, where in updates.new.items()}
-            said.extend(updates.notes)
-            if as_built:
+        with drawing(work, detection) as write_topics:
+            write_page(work / "report.html", detection)
+            new = {}
+            if model.has_ifc:
+                updates = write_updates(model, detection, work, apply=apply)
+                new = {number: NewElement(*where) for number, where in updates.new.items()}
+                said.extend(updates.notes)
+            write_topics(Path(model.name).stem, version=bcf, new=new)
+            if model.has_ifc and as_built:
                 said.extend(write_models_as_built(model, detection, work))
-        write_bcf(work / "mismatches.bcf", detection, Path(model.name).stem, version=bcf, new=new)
+            if not write_workbook(work / WORKBOOK, detection):
+                said.append(MISSING)
         timing = detection.timing | {"writing": time.perf_counter() - start}
         write_plain(work, detection._replace(timing=timing))
-        if not write_workbook(work / WORKBOOK, detection):
-            said.append(MISSING)
 
     try:
         write_folder(out, write)

@@ -1,6 +1,8 @@
 """`jaxmm detect` and `jaxmm revert` on the command line: their options, and what is printed."""
 
 import argparse
+import contextlib
+import threading
 from pathlib import Path
 
 from jaxmm.inputs import InputError
@@ -24,6 +26,8 @@ FRAMES = (
 )
 UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
 CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
+# What every detection in a building launches, in the order of first use.
+KERNELS = ("triangles", "voxels", "planes", "neighbours", "sightlines", "surface")
 AS_BUILT = "also write as_built.ifc: the model with displaced elements where they were measured"
 DATE = (
     "when the scans were taken, as 2026-03-02 or 2026-03-02T14:30 (UTC), for jaxmm progress; default: what the scan "
@@ -82,7 +86,7 @@ def detect(options: argparse.Namespace) -> None:
     """Read, compare, write, and print what was found."""
     from jaxmm.files import check_empty, check_folder
     from jaxmm.formats.dates import parse_date
-    from jaxmm.formats.poses import read_poses
+    from warp_scanner.buildings.ifc_files import reading_ahead
 
     check_folder(options.out, "--out")
     check_empty(options.out, "--out")
@@ -91,15 +95,22 @@ def detect(options: argparse.Namespace) -> None:
     for scan in options.scans:
         if not scan.exists():
             raise InputError(f"{scan}: expected a scan file, or a folder of depth images, found nothing there")
-    poses = read_poses(options.pose) or None
     if options.date is not None:
         try:
             parse_date(options.date)
         except InputError as error:
             raise InputError(f"--date: {error}") from error
-    sensor = _sensor(options.sensor)
+    with reading_ahead(options.prior, _prior_options(options)):
+        _detect(options)
+
+
+def _detect(options: argparse.Namespace) -> None:
+    from jaxmm.formats.poses import read_poses  # SciPy, and the sensor's Warp, load while the model is read
+
+    poses, sensor = read_poses(options.pose) or None, _sensor(options.sensor)
 
     from jaxmm.commands import detect_files  # takes seconds: what is wrong with the words above is said before
+    from jaxmm.reports.drawing_process import drawing_beside
     from jaxmm.reports.plain_files import sentences_of
     from jaxmm.verdicts.settings import load_settings
     from jaxmm.weights import DEFAULT
@@ -109,26 +120,35 @@ def detect(options: argparse.Namespace) -> None:
         given["refine"] = False
     if options.classes:
         given["classes"] = [name.strip() for names in options.classes for name in names.split(",")]
-    settings = load_settings(options.settings, **given)
-    detection = detect_files.detect(
-        options.prior, options.scans, poses, also=options.also,
-        reading=_reading(options, sensor), settings=settings, model=options.model or DEFAULT,
-        date=options.date,
-    )  # fmt: skip
-    for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
-        print(note)
-    said = detect_files.write_all(
-        detection,
-        options.prior,
-        options.out,
-        also=options.also,
-        apply=options.apply,
-        as_built=options.as_built,
-        bcf=options.bcf,
-    )
+    settings, reading = load_settings(options.settings, **given), _reading(options, sensor)
+    with drawing_beside():
+        # Not before: a process with threads is not split.
+        threading.Thread(target=_load_ahead, args=(options.prior,), name="loading").start()
+        detection = detect_files.detect(
+            options.prior, options.scans, poses, also=options.also, reading=reading, settings=settings,
+            model=options.model or DEFAULT, date=options.date,
+        )  # fmt: skip
+        for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
+            print(note)
+        said = detect_files.write_all(
+            detection, options.prior, options.out, also=options.also, apply=options.apply, as_built=options.as_built,
+            bcf=options.bcf,
+        )  # fmt: skip
     for line in (*said, *sentences_of(detection), detection.summary()):
         print(line)
     print(f"reports: {options.out}")
+
+
+def _load_ahead(prior: Path) -> None:
+    """What is needed later, in a thread of its own: compilers, and rays that are cast, leave the interpreter to it."""
+    from warp_scanner.buildings.ifc_model import import_ifcopenshell
+    from warp_scanner.launches import load_all
+
+    with contextlib.suppress(Exception):  # whoever needs it tells
+        load_all(KERNELS)
+        if prior.suffix.lower() == ".ifc":
+            import_ifcopenshell()
+        import openpyxl  # noqa: F401
 
 
 def _sensor(asked: str | None):
@@ -144,11 +164,16 @@ def _sensor(asked: str | None):
 
 def _reading(options: argparse.Namespace, sensor):
     from jaxmm.commands.detect_files import Reading
-    from warp_scanner.scenes.building import ReadOptions
 
     _check_kind(options)
+    return Reading(_prior_options(options), options.unit, options.frame, sensor, options.topic)
+
+
+def _prior_options(options: argparse.Namespace):
+    from warp_scanner.scenes.building import ReadOptions
+
     try:
-        prior = ReadOptions(
+        return ReadOptions(
             glass="transparent" if options.clear_glass else "solid",
             doors="open" if options.open_doors else "closed",
             y_up=None if options.up is None else options.up == "y",
@@ -156,7 +181,6 @@ def _reading(options: argparse.Namespace, sensor):
         )
     except ValueError as error:
         raise InputError(str(error)) from error
-    return Reading(prior, options.unit, options.frame, sensor, options.topic)
 
 
 def _check_kind(options: argparse.Namespace) -> None:

@@ -50,21 +50,24 @@ def shifts_of(scene: TriangleScene, rays: list[ScanRays], rows: np.ndarray, most
         return {}
     low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
     points = np.concatenate([measured_points(one) for one in rays])
+    columns = np.ascontiguousarray(points.T)  # long rows compare fast
     coarse, reach = points[thin_clouds([points], COARSE)[0]], most + AROUND + COARSE
     near = [row for row in rows if np.any(np.all((coarse > low[row] - reach) & (coarse < high[row] + reach), axis=1))]
-    found = {int(row): _shift(scene.triangles, points, (low, high), int(row), most) for row in near}
+    found = {int(row): _shift(scene.triangles, columns, (low, high), int(row), most) for row in near}
     return {row: one for row, one in found.items() if one is not None}
 
 
 def _shift(
-    triangles: Triangles, points: np.ndarray, bounds: tuple[np.ndarray, np.ndarray], row: int, most: float
+    triangles: Triangles, columns: np.ndarray, bounds: tuple[np.ndarray, np.ndarray], row: int, most: float
 ) -> Shift | None:
     low, high = bounds
     reach = np.array([most + AROUND, most + AROUND, -ENDS])
-    inside = np.all((points > low[row] - reach) & (points < high[row] + reach), axis=1)
+    inside = np.ones(columns.shape[1], bool)
+    for values, least, greatest in zip(columns, low[row] - reach, high[row] + reach, strict=True):
+        inside &= (values > least) & (values < greatest)
     if inside.sum() < LEAST_POINTS:
         return None
-    about = points[inside]
+    about = np.ascontiguousarray(columns[:, inside].T)
     about = about[thin_clouds([about], THIN)[0]]
     near = np.all((high > low[row] - 1.0) & (low < high[row] + 1.0), axis=1)
     near[row] = False

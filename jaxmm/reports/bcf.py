@@ -15,10 +15,9 @@ from jaxmm.reports.archives import write_zip
 from jaxmm.reports.bcf_displaced import displaced_topics
 from jaxmm.reports.bcf_layouts import LAYOUTS, head, markup, viewpoint, xml
 from jaxmm.reports.bcf_overview import overview_topic
-from jaxmm.reports.bcf_topics import NewElement, topics_of
+from jaxmm.reports.bcf_request import VERSIONS, NewElement
+from jaxmm.reports.bcf_topics import topics_of
 from jaxmm.verdicts.results import Detection
-
-VERSIONS = tuple(LAYOUTS)
 
 
 def write_bcf(

@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxmm.learning.boxes import MISMATCH_TYPES, OBJECT_TYPES
 from jaxmm.rays.evidence import FRACTIONS
+from jaxmm.reports.bcf_request import NewElement
 from jaxmm.reports.deviation_words import turned_by
 from jaxmm.reports.markdown import chance, number, other_type, sizes
 from jaxmm.reports.snapshots import COLORS, Camera, best_scan, camera_at, corners_of, snapshot
@@ -31,13 +32,6 @@ _FAMILY = uuid.UUID("3d0b6f0e-6d52-5f0b-9a55-2b8f4d5c7e11")  # the GUIDs of all 
 _GLOBAL_ID = re.compile(r"[0-3][0-9A-Za-z_$]{21}", re.ASCII)
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # what XML 1.0 cannot hold at all
 _LONGEST_NAME = 200  # characters of a file's own names that a reader is asked to look at
-
-
-class NewElement(NamedTuple):
-    """What an updated model has for an added object."""
-
-    guid: str  # GlobalId
-    file: str  # that holds it, below the folder of the outputs
 
 
 class Topic(NamedTuple):

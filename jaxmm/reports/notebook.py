@@ -7,7 +7,6 @@ from html import escape
 from typing import Any
 
 from jaxmm.reports.deviation_words import INTERVAL_WORDS, NORTH_WORDS, displaced, place_in_words, summary_of
-from jaxmm.reports.figures import UNDATED
 from jaxmm.reports.markdown import (
     kind_in_words,
     metres,
@@ -18,7 +17,6 @@ from jaxmm.reports.markdown import (
     sizes,
     words_of_table,
 )
-from jaxmm.reports.plan_figure import draw_plan
 from jaxmm.reports.verdict_words import VERDICT_WORDS
 from jaxmm.verdicts.results import Detection
 from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED
@@ -47,6 +45,9 @@ def _text(value: Any) -> str:
 
 
 def _plan(detection: Detection) -> str:
+    from jaxmm.reports.figures import UNDATED  # only who looks waits for Matplotlib
+    from jaxmm.reports.plan_figure import draw_plan
+
     image = io.BytesIO()
     draw_plan(detection).savefig(image, format="png", dpi=DPI, metadata=UNDATED[".png"])
     data = base64.b64encode(image.getvalue()).decode()

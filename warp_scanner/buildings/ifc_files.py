@@ -8,23 +8,24 @@ else that is put together (stairs, roofs) stays as its parts, but a layer is of 
 shape cannot be made are listed with the reason.
 """
 
-import dataclasses
+import contextlib
 import itertools
 import re
 from collections import Counter
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from warp_scanner.buildings import kept_models
 from warp_scanner.buildings.arrays import packed, unpacked
 from warp_scanner.buildings.ifc_bodies import keep_bodies
 from warp_scanner.buildings.ifc_grids import place_by_grids
 from warp_scanner.buildings.ifc_maps import to_map
-from warp_scanner.buildings.ifc_model import check_text, identity_of, import_ifcopenshell, open_model, unit_scale
+from warp_scanner.buildings.ifc_model import check_installed, check_text, identity_of, open_model, unit_scale
 from warp_scanner.buildings.ifc_zips import plain_file
-from warp_scanner.cores import core_count
-from warp_scanner.guarded import Plain, limits_for, read_guarded
+from warp_scanner.guarded import Plain
 from warp_scanner.scenes.building import (
     AS_IT_IS,
     MOST_NAMED,
@@ -40,6 +41,7 @@ from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, P
 
 # The plain CGAL kernel loses elements without a word; this one falls back on OpenCASCADE for what CGAL cannot do.
 _KERNEL = "hybrid-cgal-simple-opencascade"
+_THREADS = 1  # of its iterator: two are no faster on seven of eight files, and take 1.2 to 8 times the computing
 _GLOBAL_ID = re.compile(r"[0-3][0-9A-Za-z_$]{21}")
 _CLEAR = 0.3  # transparency from which a material counts as glass
 # Own what they are put together from; a slab what is of none of the others.
@@ -87,9 +89,22 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
     path = Path(path)
     with plain_file(path) as plain:
         check_text(plain)
-        import_ifcopenshell()
-        building = unpacked(read_guarded(_parsed, plain, dataclasses.asdict(options), limits_for(plain)))
+        check_installed()
+        building = unpacked(kept_models.read(_parsed, plain, options))
     return building._replace(elements=building.elements._replace(file=(path.name,) * len(building.elements.guid)))
+
+
+def reading_ahead(path: Path, options: ReadOptions = AS_IT_IS) -> AbstractContextManager[None]:
+    """Within, an IFC file is read in the background, and `read_ifc` waits for it; of what is no such file, nothing.
+
+    Whatever is wrong with the file, `read_ifc` tells.
+    """
+    try:
+        check_text(path)
+        check_installed()
+    except (ValueError, ImportError, OSError):
+        return contextlib.nullcontext()
+    return kept_models.ahead(_parsed, path, options)
 
 
 def _parsed(path: Path, options: dict[str, Any]) -> Plain:
@@ -285,7 +300,7 @@ def _shapes(model: Any, products: list[Any]) -> tuple[dict[int, _Shape], dict[in
     shapes: dict[int, _Shape] = {}
     if not products:
         return shapes, {}
-    iterator = ifcopenshell.geom.iterator(settings, model, core_count(), include=products, geometry_library=_KERNEL)
+    iterator = ifcopenshell.geom.iterator(settings, model, _THREADS, include=products, geometry_library=_KERNEL)
     for made in iterator:
         _keep(shapes, made)
     reasons = {}
