@@ -21,7 +21,10 @@ FRAMES = (
     "the prior's, or of PCD with a VIEWPOINT the sensor's where that fits"
 )
 UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
-CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
+CLASSES = (
+    "that get a verdict, and no others: all, or of wall,column,door,window,slab; or any of IFC with its kinds, as "
+    "IfcBeam, IfcFlowSegment or IfcElement; default: wall,column"
+)
 AS_BUILT = "also write as_built.ifc: the model with displaced elements where they were measured"
 SETTINGS = (
     'any field of jaxmm/verdicts/settings.py, as TOML: classes = ["wall"], or of a table in it: objects.threshold = 0.4'

@@ -50,6 +50,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         InputError: a scan does not fit; the line names its file.
     """
     beyond_thesis, watch = settings.preset != "thesis", _Watch()
+    asked = settings.asked(prior.building.elements) if prior.has_elements else np.zeros(0, bool)
     if settings.settle and beyond_thesis:
         prior, scans = without_stray(prior), [settled_scan(one) for one in scans]
     watch.lap("settling")
@@ -61,7 +62,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     ]
     watch.lap("registration")
     if beyond_thesis:
-        prior = without_hanging(prior, settings.semantics)
+        prior = without_hanging(prior, asked)
     if settings.mirrors and beyond_thesis:
         placed, scans = without_mirror_images(prior, placed, scans)
     rays = _rays(prior, placed, scans)
@@ -185,16 +186,16 @@ def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSe
     """The verdicts, with those of all other classes left open."""
     if verdicts is None:
         return None
-    wanted = np.isin(prior.building.elements.semantic, settings.semantics)
+    wanted = settings.asked(prior.building.elements)
     return [one if mine else one._replace(verdict=OCCLUDED) for one, mine in zip(verdicts, wanted, strict=True)]
 
 
 def _doors_passed(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[str]:
-    """Names of the doors that rays pass, in walls that stand; of none where doors get verdicts."""
-    if verdicts is None or DOOR in settings.semantics:
+    """Names of the doors that rays pass, in walls that stand; of none that gets a verdict."""
+    if verdicts is None:
         return []
     table = prior.building.elements
-    passed = np.array([one.verdict == REMOVED for one in verdicts]) & (table.semantic == DOOR)
+    passed = np.array([one.verdict == REMOVED for one in verdicts]) & (table.semantic == DOOR) & ~settings.asked(table)
     if passed.any():
         passed &= ~filling(prior.building, holders(prior.building, gone_of(prior.building, verdicts)))
     return [repr(table.name[row] or table.guid[row]) for row in np.flatnonzero(passed)]
@@ -210,7 +211,7 @@ def _elements(
 ) -> tuple[ElementVerdict, ...]:
     """The verdicts of the wanted classes, with a view to take next where one was hidden."""
     table, storeys = prior.building.elements, prior.building.storeys
-    rows = np.flatnonzero(np.isin(table.semantic, settings.semantics))
+    rows = np.flatnonzero(settings.asked(table))
     hidden, views = np.array([row for row in rows if verdicts[row].verdict == OCCLUDED], int), {}
     if len(hidden) and settings.propose_views:
         gone = gone_of(prior.building, verdicts)
@@ -254,7 +255,7 @@ def _records(
     (says, stands, settings, mismatches), records = told, []
     shows, alone = shown_by_each(mismatches, len(scans))
     if prior.has_elements:
-        wanted = np.isin(prior.building.elements.semantic, settings.semantics)
+        wanted = settings.asked(prior.building.elements)
         before = np.full(int(wanted.sum()), UNSCANNED)
     for number, (one, fit) in enumerate(zip(scans, placed, strict=True)):
         changed = dict.fromkeys(VERDICTS, 0)

@@ -4,7 +4,7 @@ E elements, S storeys, V vertices, T triangles, as in buildings.py.
 """
 
 from warp_scanner.guarded import Plain
-from warp_scanner.scenes.building import Building, Elements, Failure, Storeys, Triangles
+from warp_scanner.scenes.building import Building, Elements, Failure, Storeys, Triangles, Whole
 
 
 def packed(building: Building) -> Plain:
@@ -15,6 +15,7 @@ def packed(building: Building) -> Plain:
         "storey_guid": storeys.guid, "storey_name": storeys.name,
         "failures": building.failures, "flaws": building.flaws,
         "zero_area": building.zero_area, "notes": building.notes, "unit": building.unit, "project": building.project,
+        "wholes": building.wholes,
     }  # fmt: skip
     arrays = {
         "storey": elements.storey, "semantic": elements.semantic,
@@ -46,4 +47,5 @@ def unpacked(plain: Plain) -> Building:
         tuple(Failure(*one) for one in words["flaws"]),
         words["unit"],
         words["project"],
+        tuple(Whole(*one[:-1], tuple(one[-1])) for one in words["wholes"]),
     )

@@ -22,6 +22,7 @@ from warp_scanner.buildings.ifc_bodies import keep_bodies
 from warp_scanner.buildings.ifc_grids import place_by_grids
 from warp_scanner.buildings.ifc_maps import to_map
 from warp_scanner.buildings.ifc_model import check_text, identity_of, import_ifcopenshell, open_model, unit_scale
+from warp_scanner.buildings.ifc_wholes import owner_of, put_together, wholes_of
 from warp_scanner.cores import core_count
 from warp_scanner.guarded import Plain, limits_for, read_guarded
 from warp_scanner.scenes.building import (
@@ -33,6 +34,7 @@ from warp_scanner.scenes.building import (
     Part,
     ReadOptions,
     Storeys,
+    Whole,
     assemble,
 )
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
@@ -41,9 +43,6 @@ from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, P
 _KERNEL = "hybrid-cgal-simple-opencascade"
 _GLOBAL_ID = re.compile(r"[0-3][0-9A-Za-z_$]{21}")
 _CLEAR = 0.3  # transparency from which a material counts as glass
-# Own what they are put together from; a slab what is of none of the others.
-_WHOLES = (("IfcWall", "IfcColumn", "IfcDoor", "IfcWindow"), ("IfcSlab",))
-_LAYER = "IfcBuildingElementPart"  # is of whatever it is a part of
 # Names that a version of the schema lacks match nothing.
 _WITHOUT_MATTER = (
     "IfcFeatureElementSubtraction", "IfcSurfaceFeature", "IfcVirtualElement", "IfcAnnotation", "IfcGrid",
@@ -122,14 +121,14 @@ def _building(path: Path, options: ReadOptions) -> Building:
     pieces: dict[Any, list[_Shape]] = {}
     for product in products:
         if product.id() in shapes:
-            pieces.setdefault(_owner(product), []).append(shapes[product.id()])
+            pieces.setdefault(owner_of(product), []).append(shapes[product.id()])
     parts = [
         part._replace(guid=guids[owner.id()])
         for owner, shape in pieces.items()
         if (part := _part(owner, shape, rows, options))
     ]
     # What has no body of its own is there when something that it is put together from is.
-    shown = shapes.keys() | {whole.id() for number in shapes for whole in _wholes(model.by_id(number))}
+    shown = shapes.keys() | {whole.id() for number in shapes for whole in wholes_of(model.by_id(number))}
     failures = [
         Failure(guids[product.id()], product.is_a(), product.Name or "", reasons.get(product.id(), "it has no body"))
         for product in products
@@ -139,7 +138,12 @@ def _building(path: Path, options: ReadOptions) -> Building:
     projects = map(identity_of, model.by_type("IfcProject"))
     project = next((guid for guid in projects if not guid.startswith("#")), None)
     told = notes + left_out + repeated + assumed
-    return assemble(str(path), parts, Found(storeys, tuple(failures), told, placed, unit=unit, project=project))
+    wholes = tuple(
+        Whole(guids[whole.id()], whole.is_a(), whole.Name or "", _storey_of(whole, rows), tuple(guids[n] for n in own))
+        for whole, own in put_together(pieces)
+    )
+    found = Found(storeys, tuple(failures), told, placed, unit=unit, project=project, wholes=wholes)
+    return assemble(str(path), parts, found)
 
 
 def _products(model: Any) -> tuple[list[Any], tuple[str, ...]]:
@@ -227,39 +231,6 @@ def _storey_of(product: Any, rows: dict[int, int]) -> int:
 
     storey = get_container(product, ifc_class="IfcBuildingStorey")
     return rows[storey.id()] if storey else -1
-
-
-def _wholes(product: Any) -> list[Any]:
-    """All that the product is a part of, or is added to as a feature, from the nearest up."""
-    wholes, whole = [], _whole_of(product)
-    while whole is not None and whole.is_a("IfcElement") and whole not in wholes:
-        wholes.append(whole)
-        whole = _whole_of(whole)
-    return wholes
-
-
-def _whole_of(product: Any) -> Any:
-    from ifcopenshell.util.element import get_aggregate
-
-    if product.is_a("IfcFeatureElementAddition"):
-        for relation in product.ProjectsElements or ():
-            return relation.RelatingElement
-    return get_aggregate(product)
-
-
-def _owner(product: Any) -> Any:
-    """The element that the product's shape belongs to: the outermost wall, column, door or window; slab; or itself.
-
-    What is added to an element, and a layer, belongs to what has it, whatever that is.
-    """
-    line = [product, *_wholes(product)]
-    own = itertools.dropwhile(lambda one: one.is_a("IfcFeatureElementAddition") or one.is_a(_LAYER), line)
-    nearest = next(own, product)
-    for kinds in _WHOLES:
-        owners = [whole for whole in line if any(map(whole.is_a, kinds))]
-        if owners:
-            return owners[-1]
-    return nearest
 
 
 def _semantic(product: Any) -> int:

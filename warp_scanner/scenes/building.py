@@ -57,6 +57,16 @@ class Failure(NamedTuple):
     reason: str
 
 
+class Whole(NamedTuple):
+    """What is put together from elements: a stair of flights, a roof of slabs; it may be an element itself."""
+
+    guid: str  # IFC GlobalId
+    ifc_class: str
+    name: str
+    storey: int  # row of the storey table or -1
+    parts: tuple[str, ...]  # guids of elements
+
+
 class Building(NamedTuple):
     """What a file holds."""
 
@@ -71,6 +81,7 @@ class Building(NamedTuple):
     flaws: tuple[Failure, ...] = ()  # elements that are there, but whose surface cannot be that of a solid
     unit: float = 1.0  # [m] length of the file's unit
     project: str | None = None  # GlobalId of the IfcProject, of an IFC file
+    wholes: tuple[Whole, ...] = ()  # parts that a model without some of its elements lacks may still be named
 
 
 class Part(NamedTuple):
@@ -115,6 +126,7 @@ class Found(NamedTuple):
     flaws: tuple[Failure, ...] = ()
     unit: float = 1.0
     project: str | None = None
+    wholes: tuple[Whole, ...] = ()
 
 
 NO_STOREYS = Storeys((), (), np.zeros(0))
@@ -161,7 +173,7 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
     triangles = _joined(solid, origin, elements.semantic)
     return Building(
         elements, triangles, origin, storeys, tuple(failures), zero_area, tuple(notes), found.to_map, found.flaws,
-        found.unit, found.project,
+        found.unit, found.project, found.wholes,
     )  # fmt: skip
 
 
