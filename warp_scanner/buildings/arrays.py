@@ -22,8 +22,7 @@ def packed(building: Building) -> Plain:
         "vertices": triangles.vertices, "faces": triangles.faces, "element": triangles.element,
         "origin": building.origin, "elevation": storeys.elevation,
     }  # fmt: skip
-    if building.to_map is not None:
-        arrays["to_map"] = building.to_map
+    arrays |= {name: given for name in ("to_map", "clear") if (given := getattr(building, name)) is not None}
     return Plain(words, arrays)
 
 
@@ -48,4 +47,5 @@ def unpacked(plain: Plain) -> Building:
         words["unit"],
         words["project"],
         tuple(Whole(*one[:-1], tuple(one[-1])) for one in words["wholes"]),
+        arrays.get("clear"),
     )

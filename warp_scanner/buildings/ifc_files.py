@@ -199,14 +199,15 @@ def _part(owner: Any, shapes: list[_Shape], rows: dict[int, int], options: ReadO
     start = np.cumsum([0] + [len(shape.vertices) for shape in shapes[:-1]])
     vertices = np.concatenate([shape.vertices for shape in shapes])
     faces = np.concatenate([shape.faces + first for shape, first in zip(shapes, start, strict=True)])
+    clear = np.concatenate([shape.clear for shape in shapes])
     if options.glass == "transparent":
-        clear = np.concatenate([shape.clear for shape in shapes])
         # A window whose materials say nothing is taken for glass as a whole.
         clear |= semantic == WINDOW and not clear.any()
         if clear.all():
             return None
-        faces = faces[~clear]
-    return Part(identity_of(owner), owner.is_a(), owner.Name or "", _storey_of(owner, rows), semantic, vertices, faces)
+        faces, clear = faces[~clear], None
+    named = identity_of(owner), owner.is_a(), owner.Name or ""
+    return Part(*named, _storey_of(owner, rows), semantic, vertices, faces, clear)
 
 
 def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[int, int]]:

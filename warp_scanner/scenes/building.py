@@ -82,6 +82,7 @@ class Building(NamedTuple):
     unit: float = 1.0  # [m] length of the file's unit
     project: str | None = None  # GlobalId of the IfcProject, of an IFC file
     wholes: tuple[Whole, ...] = ()  # parts that a model without some of its elements lacks may still be named
+    clear: np.ndarray | None = None  # (T,) bool: triangles of glass, by their material; None: nobody knows
 
 
 class Part(NamedTuple):
@@ -94,6 +95,7 @@ class Part(NamedTuple):
     semantic: int
     vertices: np.ndarray  # (v, 3) float64 [m] world
     faces: np.ndarray  # (t, 3) int
+    clear: np.ndarray | None = None  # (t,) bool: of a transparent material; None: none is
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,9 +173,10 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
         np.array([part.semantic for part in solid], np.uint8),
     )
     triangles = _joined(solid, origin, elements.semantic)
+    clear = [np.zeros(len(part.faces), bool) if part.clear is None else part.clear for part in solid]
     return Building(
         elements, triangles, origin, storeys, tuple(failures), zero_area, tuple(notes), found.to_map, found.flaws,
-        found.unit, found.project, found.wholes,
+        found.unit, found.project, found.wholes, np.concatenate(clear),
     )  # fmt: skip
 
 
@@ -222,7 +225,8 @@ def without(building: Building, rows: np.ndarray) -> Building:
     vertices, faces, element, semantic = building.triangles
     left = stays[element]
     element = (np.cumsum(stays) - 1)[element[left]].astype(np.int32)
-    return building._replace(elements=table, triangles=Triangles(vertices, faces[left], element, semantic[stays]))
+    triangles, clear = Triangles(vertices, faces[left], element, semantic[stays]), building.clear
+    return building._replace(elements=table, triangles=triangles, clear=None if clear is None else clear[left])
 
 
 def fixed(triangles: Triangles) -> np.ndarray:
@@ -295,7 +299,9 @@ def _solid(part: Part) -> Part:
     sides = np.roll(corners, -1, axis=1) - corners
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    return part._replace(faces=part.faces.reshape(-1, 3)[area > _THIN * longest])
+    kept = area > _THIN * longest
+    clear = None if part.clear is None else part.clear[kept]
+    return part._replace(faces=part.faces.reshape(-1, 3)[kept], clear=clear)
 
 
 def _failed(part: Part, reason: str) -> Failure:
