@@ -4,9 +4,10 @@
 
 Places in every IFC file below FOLDER, by sensors that err as built. In three of four views one to five elements are
 out, drawn class by class from those that the noise-free scan shows at 100 rays or more. In half of the views rays pass
-the glass of windows, which the model has as solid; in a third one door that is seen stands open, turned by 60 to 180
-degrees about a side of it. *Testable* is an element that is out where 500 noise-free rays or more that should end on it
-end more than 0.1 m behind it. A JSON file for each file and sensor; what is there is not made again. Prints Markdown.
+the glass of windows, which the model has as solid; in a third one door that is seen stands open: its leaf is turned by
+30 to 170 degrees, its frame stays. *Testable* is an element that is out where 500 noise-free rays or more that should
+end on it end more than 0.1 m behind it. A JSON file for each file and sensor; what is there is not made again. Prints
+Markdown.
 """
 
 from collections import Counter
@@ -28,7 +29,7 @@ from warp_scanner import draws
 from warp_scanner.buildings.changes import Change, of_element
 from warp_scanner.buildings.positions import draw_positions
 from warp_scanner.rooms.standing import Standing
-from warp_scanner.scenes.building import Triangles, move_element
+from warp_scanner.scenes.building import Triangles
 from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.sense import rays_of
 from warp_scanner.sensors.sensors import sensor_named
@@ -40,7 +41,8 @@ UNTOUCHED, CLEAR, AJAR = 0.25, 0.5, 1.0 / 3.0  # share of views where nothing is
 MOST_OUT = 5
 LEAST_SHOWN, LEAST_RAYS = 100, 500  # rays on an element that may be out; rays that tell of one that is testable
 BEHIND = 0.1  # [m] behind an element, at which a ray tells that it is out
-BAR = 0.07  # [m] of the frame of a window whose materials say nothing
+BAR = 0.07  # [m] of the frame of a door, and of a window whose materials say nothing
+LEAF, TURNED = 0.04, (30.0, 170.0)  # [m] of a leaf, and by what it stands open [deg]
 TOLD = (PRESENT, DISPLACED, REMOVED)
 CLASS_COLUMNS = (
     "class", "out", "of those testable", "of those told removed",
@@ -59,20 +61,22 @@ def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]
     meets = cast_triangles(prior.scene, rays)
     seen = np.bincount(meets.element[0][meets.element[0] >= 0], minlength=len(semantic)) >= LEAST_SHOWN
     out = _drawn(prior, seen, rng) if rng.random() >= UNTOUCHED else np.zeros(0, int)
-    is_clear, triangles = rng.random() < CLEAR, prior.building.triangles
+    is_clear = rng.random() < CLEAR
+    triangles = _without_panes(prior, prior.building.triangles) if is_clear else prior.building.triangles
     doors = np.setdiff1d(np.flatnonzero(seen & (semantic == DOOR)), out)
     ajar = rng.choice(doors, 1) if len(doors) and rng.random() < AJAR else np.zeros(0, int)
     for row in ajar:
         triangles = _opened(prior, triangles, int(row), rng)
-    scene = prepare(_without_panes(prior, triangles) if is_clear else triangles)
+    scene = prepare(triangles)
     present = ~np.isin(np.arange(len(semantic)), out)
     truth = cast_triangles(scene, rays, present).distance[0]
     tells = meets.element[0][np.isfinite(truth) & (truth > meets.distance[0] + BEHIND)]
     told = np.bincount(tells[tells >= 0], minlength=len(semantic))
     scan, _ = scanned(scene, present, (sensor, pose), which)
+    elements = prior.building.elements
     record: dict[str, Any] = {
-        "out": [[prior.building.elements.ifc_class[row], prior.building.elements.guid[row], int(told[row])] for row in out],
-        "clear": bool(is_clear), "ajar": [prior.building.elements.guid[row] for row in ajar],
+        "out": [[elements.ifc_class[row], elements.guid[row], int(told[row])] for row in out],
+        "clear": bool(is_clear), "ajar": [elements.guid[row] for row in ajar],
         "pose": [*map(float, pose.position[0]), float(pose.yaw[0])], "number": which[1],
     }  # fmt: skip
     try:
@@ -115,20 +119,35 @@ def _drawn(prior: Prior, seen: np.ndarray, rng: np.random.Generator) -> np.ndarr
 
 
 def _opened(prior: Prior, triangles: Triangles, row: int, rng: np.random.Generator) -> Triangles:
-    """A door turned about an upright side of it."""
+    """A door as its frame, and a leaf that is turned about an upright side of it."""
+    import trimesh  # slow to import
+
     one = of_element(prior.building, row)
-    turn = np.radians(one.yaw) + (np.pi / 2 if one.size[1] > one.size[0] else 0.0)
-    half = max(one.size[:2]) / 2 * rng.choice((-1.0, 1.0))
-    hinge = np.asarray(one.center, np.float64) + half * np.array([np.cos(turn), np.sin(turn), 0.0])
-    angle = np.radians(rng.uniform(60.0, 180.0)) * rng.choice((-1.0, 1.0))
-    return move_element(triangles, row, np.zeros(3), np.array([0.0, 0.0, angle]), hinge)
+    long = int(one.size[1] > one.size[0])
+    size = np.array([float(one.size[long]) - 2.0 * BAR, LEAF, float(one.size[2]) - BAR])
+    side, angle = rng.choice((-1.0, 1.0)), np.radians(rng.uniform(*TURNED)) * rng.choice((-1.0, 1.0))
+    leaf = trimesh.creation.box(size)
+    hinge = [side * size[0] / 2.0, 0.0, 0.0]
+    leaf.apply_transform(trimesh.transformations.rotation_matrix(angle, [0.0, 0.0, 1.0], hinge))
+    turn = np.radians(one.yaw) + long * np.pi / 2.0
+    leaf.apply_transform(trimesh.transformations.rotation_matrix(turn, [0.0, 0.0, 1.0]))
+    vertices, faces = _frame(one)
+    faces = np.concatenate([faces, np.asarray(leaf.faces) + len(vertices)])
+    vertices = np.concatenate([vertices, np.asarray(leaf.vertices) + one.center])
+    kept = triangles.element != row
+    return triangles._replace(
+        vertices=np.concatenate([triangles.vertices, vertices]).astype(np.float32),
+        faces=np.concatenate([triangles.faces[kept], faces + len(triangles.vertices)]).astype(np.int32),
+        element=np.concatenate([triangles.element[kept], np.full(len(faces), row)]).astype(np.int32),
+    )
 
 
 def _without_panes(prior: Prior, triangles: Triangles) -> Triangles:
     """The triangles without glass; of a window whose materials say nothing a frame is left."""
     semantic, clear = triangles.semantic, prior.building.clear
-    solid = semantic == WINDOW
-    solid[triangles.element[clear]] = False  # it shows itself what is pane
+    has_frame = np.bincount(triangles.element[clear], minlength=len(semantic)) > 0
+    has_frame &= np.bincount(triangles.element[~clear], minlength=len(semantic)) > 0
+    solid = (semantic == WINDOW) & ~has_frame
     kept = ~clear & ~solid[triangles.element]
     found = [triangles.vertices], [triangles.faces[kept]], [triangles.element[kept]]
     for row in np.flatnonzero(solid):

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from jaxmm.classes.telling_rays import telling_rays
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
 from jaxmm.learning.prediction import Judges, Side, judge, unjudged
@@ -20,16 +21,27 @@ from jaxmm.verdicts.cloud_comparison import compare
 from jaxmm.verdicts.far_elements import toward_far_elements
 from jaxmm.verdicts.hanging_openings import without_hanging
 from jaxmm.verdicts.mirrors import without_mirror_images
-from jaxmm.verdicts.mismatches import Looked, mismatches_of, shown_by_each
+from jaxmm.verdicts.mismatches import KINDS, Looked, mismatches_of, shown_by_each
 from jaxmm.verdicts.named_scans import NamedScan, placed_scan, settled_scan
 from jaxmm.verdicts.next_view import Stage, next_views, stand_of
-from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only
+from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only, things_not_in_model
 from jaxmm.verdicts.placement import Placed
-from jaxmm.verdicts.priors import Prior, without_stray
+from jaxmm.verdicts.priors import Prior, known_of, without_stray
 from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on, open_doors
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.standing_alone import for_sure
-from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
+from jaxmm.verdicts.verdicts import (
+    OCCLUDED,
+    REMOVED,
+    UNSCANNED,
+    VERDICTS,
+    Told,
+    Verdict,
+    retold,
+    told_of,
+    verdicts_of,
+)
+from jaxmm.verdicts.wholes import wholes_of
 from warp_scanner.scenes.scenes import DOOR
 from warp_scanner.sensors.sensors import Pinhole
 from warp_scanner.sensors.triangles import clearance
@@ -76,24 +88,30 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         past_gone, told = look_past_what_is_gone(prior, looked, told, judges, settings.verdicts, sure=sure)
     told = sure(told)
     watch.lap("evidence")
-    verdicts = _verdicts(told, stands, settings) if prior.has_elements else None
+    verdicts = _verdicts(prior, looked, told, stands, settings) if prior.has_elements else None
     wanted = _of_classes(prior, verdicts, settings)
     mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
     watch.lap("objects")
     elements = _elements(prior, verdicts, placed, looked, stands, settings) if verdicts is not None else ()
+    if verdicts is not None:
+        elements = wholes_of(prior, verdicts, elements, settings)
     watch.lap("next views")
-    records = _records(prior, scans, placed, (told, stands, settings, mismatches))
+    records = _records(prior, scans, placed, (looked, told, stands, settings, mismatches))
     # Drawn are the rays as the whole model has them, and what the points are held for in the end.
     pairs = zip(looked, past_gone or looked, strict=True)
     drawn = [new._replace(added=new.added._replace(view=one.added.view)) for one, new in pairs]
     drawing = _drawing(drawn_prior, drawn, placed)
+    unknown = things_not_in_model(prior, looked, mismatches, settings.unexplained) if beyond_thesis else ()
     registration = {
         "refined": settings.refine,
         "residual": float(np.max([one.residual for one in placed])),
         "scans": [one.registration for one in records],
     }
     notes = (*prior.notes, *notes_on(mismatches, elements), *open_doors(_doors_passed(prior, verdicts, settings)))
-    return Detection(mismatches, elements, records, registration, settings.as_json(), watch.laps(), notes, drawing)
+    return Detection(
+        mismatches, elements, records, registration, settings.as_json(), watch.laps(), notes, drawing,
+        unexplained=unknown,
+    )  # fmt: skip
 
 
 class _Watch:
@@ -177,9 +195,16 @@ def _for_sure(
     ]
 
 
-def _verdicts(told: list[Told], stands: AsBuilt, settings: DetectSettings) -> list[Verdict]:
+def _verdicts(
+    prior: Prior, looked: list[Looked], told: list[Told], stands: AsBuilt, settings: DetectSettings
+) -> list[Verdict]:
     """Of each element, by all that scans tell."""
-    return with_displaced(verdicts_of(told, settings.verdicts), stands, settings.verdicts.least_rays)
+    found = with_displaced(verdicts_of(told, settings.verdicts), stands, settings.verdicts.least_rays)
+    others = settings.asked(prior.building.elements) & ~np.isin(prior.building.elements.semantic, list(KINDS))
+    if settings.preset == "thesis" or not others.any():
+        return found
+    telling = telling_rays(known_of(prior), [one.rays for one in looked], others, gone_of(prior.building, found))
+    return retold(found, others, telling, settings.verdicts)
 
 
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:
@@ -249,10 +274,10 @@ def _records(
     prior: Prior,
     scans: list[NamedScan],
     placed: list[Placed],
-    told: tuple[list[Told | None], AsBuilt, DetectSettings, tuple[Mismatch, ...]],
+    told: tuple[list[Looked], list[Told | None], AsBuilt, DetectSettings, tuple[Mismatch, ...]],
 ) -> tuple[ScanRecord, ...]:
     """What is known of every scan: which verdicts it changed beyond those before it, which mismatches it shows."""
-    (says, stands, settings, mismatches), records = told, []
+    (looked, says, stands, settings, mismatches), records = told, []
     shows, alone = shown_by_each(mismatches, len(scans))
     if prior.has_elements:
         wanted = settings.asked(prior.building.elements)
@@ -260,9 +285,9 @@ def _records(
     for number, (one, fit) in enumerate(zip(scans, placed, strict=True)):
         changed = dict.fromkeys(VERDICTS, 0)
         if prior.has_elements:
-            now = np.array([found.verdict for found in _verdicts(says[: number + 1], stands.by(number + 1), settings)])[
-                wanted
-            ]
+            count = number + 1
+            by_these = _verdicts(prior, looked[:count], says[:count], stands.by(count), settings)
+            now = np.array([found.verdict for found in by_these])[wanted]
             new = now[now != before]
             changed |= {name: int(np.sum(new == name)) for name in VERDICTS}
             before = now

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from jaxmm.classes.telling_rays import Known
 from jaxmm.formats.readers import READERS, PointScan, read_scans
 from jaxmm.formats.units import Distance
 from jaxmm.inputs import InputError
@@ -185,6 +186,16 @@ def _unasked(building: Building) -> list[str]:
         for what, count in found.items()
         if count
     ]
+
+
+def known_of(prior: Prior) -> Known:
+    """What is known of the elements of a building, for `telling_rays`."""
+    building, scene = prior.building, prior.scene
+    if len(scene.triangles.faces) != len(building.triangles.faces):
+        scene = prepare(building.triangles)  # of which the prior's lacks some
+    facades = {guid for whole in building.wholes if whole.ifc_class == FACADE[0] for guid in whole.parts}
+    in_facade = np.array([guid in facades for guid in building.elements.guid], bool)
+    return Known(scene, building.elements.ifc_class, building.clear, in_facade)
 
 
 def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.deviations.deviation import PRIVATE, Deviation
 from jaxmm.learning.boxes import Box, sentence
 from jaxmm.rays.evidence import FRACTIONS
@@ -118,6 +119,7 @@ class Detection(NamedTuple):
     notes: tuple[str, ...]  # what a user must know of how files were read and of what was found, a line each
     drawing: Drawing
     prior: PriorFile | None = None  # None where the prior came as arrays
+    unexplained: tuple[Unexplained, ...] = ()  # what is in no model, and neither a wall nor a column
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -225,6 +227,7 @@ def to_json(detection: Detection) -> dict[str, Any]:
     return {
         "mismatches": [_mismatch(one) for one in detection.mismatches],
         "elements": [_element(one) for one in detection.elements],
+        "unexplained": [_plain(one._asdict()) for one in detection.unexplained],
         "prior": _prior(detection.prior),
         "scans": [_scan(one) for one in detection.scans],
         "sentences": list(detection.sentences),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jaxmm.classes.selection import check_classes, chosen
+from jaxmm.classes.unexplained import UnexplainedSettings
 from jaxmm.config import ConfigError, bounded, build, one_of
 from jaxmm.deviations.tolerances import DeviationSettings
 from jaxmm.inputs import one_line
@@ -33,6 +34,7 @@ class DetectSettings:
     propose_views: bool = True  # a place to look from next for every occluded element
     objects: ObjectSettings = ObjectSettings()  # how the default preset makes objects of points
     boxes: BoxSettings = BoxSettings()  # how the thesis does
+    unexplained: UnexplainedSettings = UnexplainedSettings()  # what else counts as something that the model lacks
     verdicts: VerdictSettings = VerdictSettings()
     deviations: DeviationSettings = DeviationSettings()  # how far off its place an element may stand
     limits: FitLimits = FitLimits()  # of a building as prior
