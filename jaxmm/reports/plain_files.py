@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.deviations.deviation import Deviation
 from jaxmm.files import write_atomically, write_json, write_text
 from jaxmm.rays.evidence import BLOCKED, FRACTIONS, SUPPORT, THROUGH, UNSEEN
@@ -21,10 +22,11 @@ from jaxmm.verdicts.mismatch_points import mismatch_points, signed_distances
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, to_json, told_probability
 
 PLAIN_FILES = (
-    "report.json", "report.md", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv", "mismatches.ply",
-    "points.ply",
+    "report.json", "report.md", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv", "unexplained.csv",
+    "mismatches.ply", "points.ply",
 )  # fmt: skip
 ADDED_COLOR, REMOVED_COLOR = (0, 114, 178), (213, 94, 0)  # blue and vermillion: told apart with every colour blindness
+UNEXPLAINED_COLOR = (86, 180, 233)  # sky-blue
 GREYS = {SUPPORT: 205, THROUGH: 160, UNSEEN: 115, BLOCKED: 70}  # of points that show no mismatch, by their evidence
 POSITION = ("x [m]", "y [m]", "z [m]")
 MISMATCH_COLUMNS = (
@@ -42,6 +44,10 @@ ELEMENT_COLUMNS = (
     "guid", "ifc_class", "name", "storey", "verdict", "probability_removed", "prior_points",
     *(f"rays_{name}" for name in FRACTIONS), *(f"next_view_{name}" for name in POSITION), "next_view_yaw [deg]",
     "next_view_pitch [deg]", *DEVIATION_COLUMNS,
+)  # fmt: skip
+UNEXPLAINED_COLUMNS = (
+    "number", *(f"center_{name}" for name in POSITION), *(f"dimension_{name}" for name in POSITION), "rotation [deg]",
+    "points",
 )  # fmt: skip
 PLY_FIELDS = [
     *((name, "<f8", "double") for name in "xyz"), *((name, "u1", "uchar") for name in ("red", "green", "blue")),
@@ -65,6 +71,7 @@ def write_plain(folder: Path, detection: Detection) -> None:
     _write_csv(folder / "mismatches.csv", mismatches_csv(detection.mismatches))
     _write_csv(folder / "elements.csv", elements_csv(detection.elements))
     _write_csv(folder / "deviations.csv", deviations_csv(detection.elements))
+    _write_csv(folder / "unexplained.csv", unexplained_csv(detection.unexplained))
     write_mismatch_points(folder / "mismatches.ply", detection)
     write_points(folder / "points.ply", detection)
 
@@ -113,6 +120,15 @@ def deviations_csv(elements: Iterable[ElementVerdict]) -> str:
     return _as_csv(WORST_COLUMNS, rows)
 
 
+def unexplained_csv(things: Iterable[Unexplained]) -> str:
+    """A row for each thing that is not in the model, in the manner of `mismatches_csv`; `points` of the scans on it."""
+    rows = [
+        [number, *map(float, one.center), *map(float, one.dimensions), float(one.rotation), one.points]
+        for number, one in enumerate(things, 1)
+    ]
+    return _as_csv(UNEXPLAINED_COLUMNS, rows)
+
+
 def sentences_of(detection: Detection) -> tuple[str, ...]:
     """What is new, what is gone, and what stands off its place, a line each."""
     return (*detection.sentences, *(printable(place_in_words(one)) for one in displaced(detection.elements)))
@@ -131,8 +147,9 @@ def _deviation(one: Deviation | None) -> list[Any]:
 def write_mismatch_points(path: Path, detection: Detection) -> None:
     """Write the points of both sides as a PLY file: binary, little endian, with double coordinates.
 
-    Blue points show something added, vermillion ones something removed; all others are grey, the darker the less a ray
-    met them (see GREYS). `probability` is that of the point; `side` is 0 for the robot's points, 1 for the prior's.
+    Blue points show something added, vermillion ones something removed, sky-blue ones what else is not in the model;
+    all others are grey, the darker the less a ray met them (see GREYS). `probability` is that of the point; `side` is 0
+    for the robot's points, 1 for the prior's.
     """
     drawing, shown = detection.drawing, mismatch_points(detection)
     count = len(drawing.robot)
@@ -148,10 +165,13 @@ def write_mismatch_points(path: Path, detection: Detection) -> None:
         for name, value in zip(("red", "green", "blue"), color, strict=True):
             rows[name] = np.where(mismatch >= 0, value, grey[evidence])
         rows["probability"], rows["side"] = probability, side
+    for axis, name in enumerate(("red", "green", "blue")):
+        table[name][:count][shown.unexplained] = UNEXPLAINED_COLOR[axis]
     properties = "".join(f"property {kind} {name}\n" for name, _, kind in PLY_FIELDS)
     header = (
         "ply\nformat binary_little_endian 1.0\n"
-        "comment metres, z up; blue: added, vermillion: removed, grey: unchanged or not told\n"
+        "comment metres, z up; blue: added, vermillion: removed, sky-blue: else not in the model, "
+        "grey: unchanged or not told\n"
         "comment side 0: measured by the robot, 1: of the building model\n"
         f"element vertex {len(table)}\n{properties}end_header\n"
     )
