@@ -1,4 +1,4 @@
-"""Whether the leaf of a door that rays pass stands open near its place: rays must have seen most such places empty.
+"""Whether the leaf of a door that rays pass stands open near its place: there rays end on what no model has.
 
 P rays of one scan, H places of a leaf. Positions are offsets from the prior's origin: metres, z up.
 """
@@ -14,8 +14,7 @@ ANGLES = np.radians([35.0, 60.0, 85.0, 110.0, 135.0, 160.0])  # by which a leaf 
 THICK = 0.05  # [m] of a leaf
 DOUBLE = 1.3  # [m] from which a door may have two
 LEAST_RAYS = 20  # that tell of a place
-FREE, TAKEN = 0.8, 0.3  # shares of those, that pass behind a place where no leaf is, and end where one may be
-LEAST_FREE = 0.5  # share of the places that must be seen without a leaf
+TAKEN = 0.3  # share of those that end where a leaf may be, all others pass behind it
 ERROR, GROWS = 0.05, 0.01  # [m] of a range, and more for each metre: nobody knows the angle
 
 
@@ -38,8 +37,8 @@ def opening_of(corners: np.ndarray) -> Opening:
     return Opening(center, along, float(np.ptp(at)), float(high - low))
 
 
-def leaf_is_away(opening: Opening, view: tuple[np.ndarray, np.ndarray, np.ndarray], expected: np.ndarray) -> bool:
-    """Whether no leaf stands open beside an opening, where half of the places that it may stand in are in view.
+def leaf_is_near(opening: Opening, view: tuple[np.ndarray, np.ndarray, np.ndarray], expected: np.ndarray) -> bool:
+    """Whether something stands beside an opening where its leaf would, were it open, and the model has nothing.
 
     Args:
         opening: of the door.
@@ -57,19 +56,15 @@ def leaf_is_away(opening: Opening, view: tuple[np.ndarray, np.ndarray, np.ndarra
     if not len(direction):
         return False
     leaves = _leaves(opening)
-    free = 0
     for met in cast_rays(leaves, None, Rays(np.tile(position, (len(leaves.kind), 1)), direction)).distance:
         margin = ERROR + GROWS * met
         with np.errstate(invalid="ignore"):
             tells = np.isfinite(met) & (expected - met > 2.0 * margin)
             through, support = tells & (distance > met + margin), tells & (np.abs(distance - met) <= margin)
         passed, ended = int(through.sum()), int(support.sum())
-        if passed + ended < LEAST_RAYS:
-            continue
-        if ended >= TAKEN * (passed + ended):
-            return False
-        free += passed >= FREE * (passed + ended)
-    return free >= LEAST_FREE * len(leaves.kind)
+        if passed + ended >= LEAST_RAYS and ended >= TAKEN * (passed + ended):
+            return True
+    return False
 
 
 def _leaves(opening: Opening) -> Primitives:

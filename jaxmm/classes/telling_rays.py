@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.classes.open_doors import leaf_is_away, opening_of
+from jaxmm.classes.open_doors import leaf_is_near, opening_of
 from jaxmm.rays.scan_rays import ScanRays
 from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.scan import Rays
@@ -20,6 +20,8 @@ ERROR, GROWS = 0.03, 0.005  # [m] of a range across a surface, and more for each
 LEAST_COSINE = 0.2  # beyond this incidence an error along the ray grows no further
 BESIDE = 0.015  # [m] aside of its place, from where the sensor must still see a ray meet the same element
 FRAME = 0.07  # [m] from the outline of what opens or has a pane, and does not show where: its frame
+LEAST_GAP, LEAST_UPON = 0.012, 40  # [m] of a casing before its wall; rays that end on either
+POSE = 0.005  # [m] by which a registered scan may be off, across what it is registered to
 OPEN = 0.2  # share of the rays that tell of a door, that may end on it where it may be open, or gone
 PANELS = ("IfcPlate", "IfcCurtainWall")  # of facades, their frames are other elements
 
@@ -29,7 +31,7 @@ class Telling(NamedTuple):
 
     through: np.ndarray  # (E,) int that end clearly behind it
     support: np.ndarray  # (E,) int that end on it
-    glass: np.ndarray  # (E,) int that end behind its panes, or what may be open: they do not tell
+    glass: np.ndarray  # (E,) int that end behind its panes, or its leaf: they do not tell
 
 
 class Known(NamedTuple):
@@ -64,26 +66,26 @@ def telling_rays(known: Known, scans: Iterable[ScanRays], asked: np.ndarray, gon
             if gone[row] or len(first[own]):
                 _count(known, (rays.position, view[0][own], view[1][own]), int(row), gone, of_scan)
         for row in np.flatnonzero(_is_passed(known, of_scan)):
-            if _is_away(known, (rays.position, *view), int(row), gone):
-                of_scan.through[row] += of_scan.glass[row]
-                of_scan.glass[row] = 0
+            if _is_open(known, (rays.position, *view), int(row), gone):
+                of_scan.glass[row] += of_scan.through[row]
+                of_scan.through[row] = 0
         found = Telling(*(one + more for one, more in zip(found, of_scan, strict=True)))
     return found
 
 
 def _is_passed(known: Known, told: Telling) -> np.ndarray:
-    """(E,) bool: doors that hardly any ray ends on, and of which some pass what may be a leaf."""
-    ends = told.support <= OPEN * (told.through + told.support + told.glass)
-    return (known.scene.triangles.semantic == DOOR) & (told.glass > 0) & ends
+    """(E,) bool: doors that may be gone: what rays tell of their frames is that they are."""
+    passed = told.support <= OPEN * (told.through + told.support)
+    return (known.scene.triangles.semantic == DOOR) & (told.through > 0) & passed
 
 
-def _is_away(known: Known, view: tuple[np.ndarray, np.ndarray, np.ndarray], row: int, gone: np.ndarray) -> bool:
-    """Whether the leaf of a door stands nowhere beside it."""
+def _is_open(known: Known, view: tuple[np.ndarray, np.ndarray, np.ndarray], row: int, gone: np.ndarray) -> bool:
+    """Whether the leaf of a door may stand beside it."""
     triangles, there = known.scene.triangles, ~gone
     there[row] = False
     corners = triangles.vertices[np.unique(triangles.faces[triangles.element == row])].astype(np.float64)
     expected = cast_triangles(known.scene, Rays(view[0][None], view[1]), there).distance[0]
-    return leaf_is_away(opening_of(corners), view, expected)
+    return leaf_is_near(opening_of(corners), view, expected)
 
 
 def _count(
@@ -102,6 +104,8 @@ def _count(
     normal = face_normals(known.scene.triangles, face[None])[0].astype(np.float64)
     cosine = np.abs(np.sum(normal * direction, axis=1)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
     margin = (ERROR + GROWS * reach) / np.maximum(cosine, LEAST_COSINE)
+    if known.scene.triangles.semantic[row] in (DOOR, WINDOW):
+        _add_casing(row, (distance - reach, behind - reach, margin), found)
     tells = behind - reach > 2.0 * margin
     direction, distance, reach, margin = (one[tells] for one in (direction, distance, reach, margin))
     pane = _is_pane(known, row, position + direction * reach[:, None].astype(np.float64), face[tells])
@@ -111,6 +115,29 @@ def _count(
     found.glass[row] += int(np.sum(through & pane))
     found.through[row] += int(np.sum(through & ~pane))
     found.support[row] += int(np.sum(support))
+
+
+def _add_casing(row: int, told: tuple[np.ndarray, np.ndarray, np.ndarray], found: Telling) -> None:
+    """Add the rays at what lies upon something else, a casing on its wall: together they tell what none does alone.
+
+    Args:
+        row: of the element.
+        told: (n,) [m] of each ray: its range less that to the element, that to what is behind less the same, margin.
+        found: what is added to.
+    """
+    off, gap, margin = told
+    upon = (gap > LEAST_GAP) & (gap <= 2.0 * margin) & (np.abs(off) <= gap + margin)
+    if upon.sum() < LEAST_UPON:
+        return
+    share = off[upon] / gap[upon]  # 0 on the element, 1 on what is behind it
+    middle = float(np.median(share))
+    # The median of n errs by 1.25 times the standard deviation over sqrt(n), that is 1.48 times the median deviation.
+    error = 3.0 * 1.25 * 1.48 * float(np.median(np.abs(share - middle))) / np.sqrt(upon.sum())
+    error += POSE / float(np.median(gap[upon]))
+    if middle + error < 0.5:
+        found.support[row] += int(upon.sum())
+    elif middle - error > 0.5:
+        found.through[row] += int(upon.sum())
 
 
 def _from_beside(scene: TriangleScene, position: np.ndarray, direction: np.ndarray, only: np.ndarray) -> np.ndarray:
