@@ -26,7 +26,7 @@ from jaxmm.verdicts.named_scans import NamedScan, placed_scan, settled_scan
 from jaxmm.verdicts.next_view import Stage, next_views, stand_of
 from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only, things_not_in_model
 from jaxmm.verdicts.placement import Placed
-from jaxmm.verdicts.priors import Prior, known_of, without_stray
+from jaxmm.verdicts.priors import Prior, known_of, unasked, without_stray
 from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on, open_doors
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.standing_alone import for_sure
@@ -63,6 +63,8 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     """
     beyond_thesis, watch = settings.preset != "thesis", _Watch()
     asked = settings.asked(prior.building.elements) if prior.has_elements else np.zeros(0, bool)
+    if prior.has_elements:
+        prior = prior._replace(notes=(*prior.notes, *unasked(prior.building, asked)))
     if settings.settle and beyond_thesis:
         prior, scans = without_stray(prior), [settled_scan(one) for one in scans]
     watch.lap("settling")

@@ -166,17 +166,21 @@ def kind_of(path: Path) -> str:
 def prior_of_building(building: Building) -> Prior:
     """A building that was read, ready for rays."""
     scene = prepare(building.triangles)
-    notes = (*remarks(building), *_unasked(building))
-    return Prior(building.origin, notes, building, scene, known=_known(building, scene))
+    return Prior(building.origin, tuple(remarks(building)), building, scene, known=_known(building, scene))
 
 
-def _unasked(building: Building) -> list[str]:
-    """That nobody tells of curtain walls, or of what may be a wall or a column by another name, where there is any."""
+def unasked(building: Building, asked: np.ndarray) -> list[str]:
+    """That nobody tells of curtain walls, or of what may be a wall or a column by another name, where there is any.
+
+    Args:
+        building: the model.
+        asked: (E,) bool, elements that get a verdict.
+    """
     classes = np.asarray(building.elements.ifc_class, str)
     low, high = element_bounds(building.triangles)
-    upright = (classes == PROXY) & (high[:, 2] - low[:, 2] >= UPRIGHT)
+    upright = ~asked & (classes == PROXY) & (high[:, 2] - low[:, 2] >= UPRIGHT)
     found = {
-        f"of the classes {', '.join(FACADE)}": int(np.isin(classes, FACADE).sum()),
+        f"of the classes {', '.join(FACADE)}": int((~asked & np.isin(classes, FACADE)).sum()),
         f"of the class {PROXY} and {UPRIGHT:g} m high or higher": int(upright.sum()),
     }
     return [

@@ -13,13 +13,14 @@ from jaxmm.classes.unexplained import Unexplained
 from jaxmm.deviations.deviation import PRIVATE, Deviation
 from jaxmm.learning.boxes import Box, sentence
 from jaxmm.rays.evidence import FRACTIONS
-from jaxmm.verdicts.verdicts import DISPLACED, PRESENT, REMOVED, STANDS, VERDICTS
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, STANDS, VERDICTS
 
 Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
 MOST_NAMED = 5  # in notes on elements
 # Of a present element of which a part may be gone: share of the rays that tell of it, that pass, and how many at least.
 # In 1,001 verdicts of unchanged rooms and buildings, scanned as built, 8 elements have more.
 GONE, LEAST_THROUGH = 0.2, 100
+SEE_THROUGH, LEAST_PASSED = ("IfcDoor", "IfcWindow", "IfcPlate", "IfcCurtainWall"), 20  # rays
 PLURAL = {"wall": "walls", "pillar": "pillars"}
 
 
@@ -178,10 +179,19 @@ def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, .
         for one in elements
         if one.verdict == PRESENT and one.rays[0] >= LEAST_THROUGH and _passed(one) >= GONE
     ]
+    passed = [
+        f"{_named(one)} ({one.guid}) is told to be occluded: rays pass through its place, as through glass or where a "
+        "door is open, and too little of its frame is seen to tell whether it stands"
+        for one in elements
+        if one.verdict == OCCLUDED
+        and one.ifc_class.startswith(SEE_THROUGH)
+        and one.rays[0] > max(one.rays[1], LEAST_PASSED)
+    ]
     return (
         *nothing_present(elements),
         *_first(stands, "removed elements a part may stand, too"),
         *_first(holes, "present elements a part may be gone, too"),
+        *_first(passed, "occluded elements rays pass, too"),
     )
 
 
