@@ -81,6 +81,7 @@ ifneq ($(wildcard $(JAXMM_DATA)/ifc),)
 	$(BIN)/python -m benchmarks.buildings $(JAXMM_DATA)/ifc --out runs/buildings
 	$(BIN)/python -m benchmarks.progress $(JAXMM_DATA)/ifc --out runs/progress
 	$(BIN)/python -m benchmarks.outdoors $(JAXMM_DATA)/ifc --out runs/outdoors
+	$(BIN)/python -m benchmarks.classes $(JAXMM_DATA)/ifc --out runs/classes
 endif
 ifneq ($(wildcard $(JAXMM_DATA)/thesis),)
 	$(BIN)/python -m benchmarks.released $(JAXMM_DATA)/thesis

@@ -13,7 +13,7 @@ from tests.test_imports import ROOT
 JSON, FOLDER, FILE, NOTHING = "--json file", "--out folder", "--out file", "nothing"
 # What each benchmark writes.
 WRITES = {
-    "ablation": FOLDER, "accuracy": FOLDER, "buildings": FOLDER, "clouds": FOLDER, "detect": JSON,
+    "ablation": FOLDER, "accuracy": FOLDER, "buildings": FOLDER, "classes": FOLDER, "clouds": FOLDER, "detect": JSON,
     "detections": FOLDER, "deviations": JSON, "growth": JSON, "large_scans": JSON, "latency": JSON, "matrix": JSON,
     "mirrors": JSON, "neighbours": JSON, "objects": FOLDER, "outdoors": FOLDER, "pairs": JSON, "peak": NOTHING,
     "pillars": FILE, "pose_search": JSON, "poses": JSON, "progress": FOLDER, "rays": JSON, "released": JSON,
