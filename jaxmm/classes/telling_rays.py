@@ -5,7 +5,6 @@ nothing. Nor does one that glass lets through, or that a small error of the pose
 triangles, P rays of one scan, n of them meet an element. Positions are offsets from the prior's origin: metres, z up.
 """
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +26,7 @@ PANELS = ("IfcPlate", "IfcCurtainWall")  # of facades, their frames are other el
 
 
 class Telling(NamedTuple):
-    """What the rays of all scans did that tell of E elements."""
+    """What the rays of a scan did that tell of E elements."""
 
     through: np.ndarray  # (E,) int that end clearly behind it
     support: np.ndarray  # (E,) int that end on it
@@ -43,33 +42,29 @@ class Known(NamedTuple):
     in_facade: np.ndarray  # (E,) bool: parts of curtain walls
 
 
-def telling_rays(known: Known, scans: Iterable[ScanRays], asked: np.ndarray, gone: np.ndarray) -> Telling:
-    """Count the rays that tell of each element.
+def telling_rays(known: Known, rays: ScanRays, asked: np.ndarray, gone: np.ndarray) -> Telling:
+    """Count the rays of one scan that tell of each element.
 
     Args:
         known: the building.
-        scans: rays of each.
+        rays: of the scan.
         asked: (E,) bool, of whom to tell; of all others nothing is counted.
         gone: (E,) bool, what is held for removed: it hides nothing, and nothing else stands in its place.
     """
     count = len(asked)
     found = Telling(*(np.zeros(count, np.int64) for _ in range(3)))
-    for rays in scans:
-        measured = slice(None, rays.measured)
-        view = rays.direction[measured], rays.distance[measured]
-        first = cast_triangles(known.scene, Rays(rays.position[None], view[0]), ~gone).element[0]
-        order = np.argsort(first, kind="stable")
-        starts = np.searchsorted(first[order], np.arange(count + 1))
-        of_scan = Telling(*(np.zeros(count, np.int64) for _ in range(3)))
-        for row in np.flatnonzero(asked):
-            own = slice(None) if gone[row] else order[starts[row] : starts[row + 1]]
-            if gone[row] or len(first[own]):
-                _count(known, (rays.position, view[0][own], view[1][own]), int(row), gone, of_scan)
-        for row in np.flatnonzero(_is_passed(known, of_scan)):
-            if _is_open(known, (rays.position, *view), int(row), gone):
-                of_scan.glass[row] += of_scan.through[row]
-                of_scan.through[row] = 0
-        found = Telling(*(one + more for one, more in zip(found, of_scan, strict=True)))
+    view = rays.direction[: rays.measured], rays.distance[: rays.measured]
+    first = cast_triangles(known.scene, Rays(rays.position[None], view[0]), ~gone).element[0]
+    order = np.argsort(first, kind="stable")
+    starts = np.searchsorted(first[order], np.arange(count + 1))
+    for row in np.flatnonzero(asked):
+        own = slice(None) if gone[row] else order[starts[row] : starts[row + 1]]
+        if gone[row] or len(first[own]):
+            _count(known, (rays.position, view[0][own], view[1][own]), int(row), gone, found)
+    for row in np.flatnonzero(_is_passed(known, found)):
+        if _is_open(known, (rays.position, *view), int(row), gone):
+            found.glass[row] += found.through[row]
+            found.through[row] = 0
     return found
 
 

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from jaxmm.classes.telling_rays import telling_rays
+from jaxmm.classes.telling_rays import Telling
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
 from jaxmm.learning.prediction import Judges, Side, judge, unjudged
@@ -21,12 +21,12 @@ from jaxmm.verdicts.cloud_comparison import compare
 from jaxmm.verdicts.far_elements import toward_far_elements
 from jaxmm.verdicts.hanging_openings import without_hanging
 from jaxmm.verdicts.mirrors import without_mirror_images
-from jaxmm.verdicts.mismatches import KINDS, Looked, mismatches_of, shown_by_each
+from jaxmm.verdicts.mismatches import Looked, mismatches_of, shown_by_each
 from jaxmm.verdicts.named_scans import NamedScan, placed_scan, settled_scan
 from jaxmm.verdicts.next_view import Stage, next_views, stand_of
 from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only, things_not_in_model
 from jaxmm.verdicts.placement import Placed
-from jaxmm.verdicts.priors import Prior, known_of, unasked, without_stray
+from jaxmm.verdicts.priors import Prior, unasked, without_stray
 from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, Pose, ScanRecord, notes_on, open_doors
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.standing_alone import for_sure
@@ -41,7 +41,7 @@ from jaxmm.verdicts.verdicts import (
     told_of,
     verdicts_of,
 )
-from jaxmm.verdicts.wholes import wholes_of
+from jaxmm.verdicts.wholes import telling_of, wholes_of
 from warp_scanner.scenes.scenes import DOOR
 from warp_scanner.sensors.sensors import Pinhole
 from warp_scanner.sensors.triangles import clearance
@@ -90,7 +90,9 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         past_gone, told = look_past_what_is_gone(prior, looked, told, judges, settings.verdicts, sure=sure)
     told = sure(told)
     watch.lap("evidence")
-    verdicts = _verdicts(prior, looked, told, stands, settings) if prior.has_elements else None
+    found = _verdicts(told, stands, settings, []) if prior.has_elements else None
+    telling = telling_of(prior, looked, found, settings)
+    verdicts = None if found is None else retold(found, telling, settings.verdicts)
     wanted = _of_classes(prior, verdicts, settings)
     mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
     watch.lap("objects")
@@ -98,7 +100,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     if verdicts is not None:
         elements = wholes_of(prior, verdicts, elements, settings)
     watch.lap("next views")
-    records = _records(prior, scans, placed, (looked, told, stands, settings, mismatches))
+    records = _records(prior, scans, placed, (told, stands, settings, mismatches), telling)
     # Drawn are the rays as the whole model has them, and what the points are held for in the end.
     pairs = zip(looked, past_gone or looked, strict=True)
     drawn = [new._replace(added=new.added._replace(view=one.added.view)) for one, new in pairs]
@@ -197,16 +199,10 @@ def _for_sure(
     ]
 
 
-def _verdicts(
-    prior: Prior, looked: list[Looked], told: list[Told], stands: AsBuilt, settings: DetectSettings
-) -> list[Verdict]:
+def _verdicts(told: list[Told], stands: AsBuilt, settings: DetectSettings, telling: list[Telling]) -> list[Verdict]:
     """Of each element, by all that scans tell."""
     found = with_displaced(verdicts_of(told, settings.verdicts), stands, settings.verdicts.least_rays)
-    others = settings.asked(prior.building.elements) & ~np.isin(prior.building.elements.semantic, list(KINDS))
-    if settings.preset == "thesis" or not others.any():
-        return found
-    telling = telling_rays(known_of(prior), [one.rays for one in looked], others, gone_of(prior.building, found))
-    return retold(found, others, telling, settings.verdicts)
+    return retold(found, telling, settings.verdicts)
 
 
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:
@@ -276,10 +272,11 @@ def _records(
     prior: Prior,
     scans: list[NamedScan],
     placed: list[Placed],
-    told: tuple[list[Looked], list[Told | None], AsBuilt, DetectSettings, tuple[Mismatch, ...]],
+    told: tuple[list[Told | None], AsBuilt, DetectSettings, tuple[Mismatch, ...]],
+    telling: list[Telling],
 ) -> tuple[ScanRecord, ...]:
     """What is known of every scan: which verdicts it changed beyond those before it, which mismatches it shows."""
-    (looked, says, stands, settings, mismatches), records = told, []
+    (says, stands, settings, mismatches), records = told, []
     shows, alone = shown_by_each(mismatches, len(scans))
     if prior.has_elements:
         wanted = settings.asked(prior.building.elements)
@@ -288,7 +285,7 @@ def _records(
         changed = dict.fromkeys(VERDICTS, 0)
         if prior.has_elements:
             count = number + 1
-            by_these = _verdicts(prior, looked[:count], says[:count], stands.by(count), settings)
+            by_these = _verdicts(says[:count], stands.by(count), settings, telling[:count])
             now = np.array([found.verdict for found in by_these])[wanted]
             new = now[now != before]
             changed |= {name: int(np.sum(new == name)) for name in VERDICTS}

@@ -116,14 +116,21 @@ def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> li
     return found
 
 
-def retold(verdicts: list[Verdict], asked: np.ndarray, told: Telling, settings: VerdictSettings) -> list[Verdict]:
-    """The verdicts, those of some (E,) bool of the elements by the rays alone that nothing else explains.
+def retold(verdicts: list[Verdict], telling: list[Telling], settings: VerdictSettings) -> list[Verdict]:
+    """The verdicts, those of some elements by the rays of all scans that nothing else explains.
 
     The networks learnt of walls and columns. Where fewer than the least rays tell, what they say stands, unless rays
     pass where glass, or a door that is open, lets them through: then nobody knows.
+
+    Args:
+        verdicts: of E elements.
+        telling: of each scan; without any, or of elements of whom nothing is told, the verdicts stay.
+        settings: when an element counts as what.
     """
-    found = list(verdicts)
-    for row in np.flatnonzero(asked):
+    if not telling:
+        return verdicts
+    found, told = list(verdicts), Telling(*(np.sum(counts, axis=0) for counts in zip(*telling, strict=True)))
+    for row in np.flatnonzero(sum(told)):
         one, tell = verdicts[row], int(told.through[row] + told.support[row])
         share = (float(told.through[row]) + 0.5) / (tell + 1.0)
         enough, before = tell >= settings.least_rays, one.verdict

@@ -1,6 +1,6 @@
-"""Verdicts of what is put together from elements: a stair of flights, a roof of slabs, a facade of plates and members.
+"""Verdicts of any class: by rays that nothing else explains, and of what is put together from elements by its parts.
 
-A whole is gone only if all of its parts that can be told of are; where one stands, something of it does.
+Such are a stair of flights, a roof of slabs, a facade of plates and members. E elements. A whole is gone only if all of its parts that can be told of are; where one stands, something of it does.
 """
 
 from collections.abc import Sequence
@@ -8,10 +8,32 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxmm.classes.selection import is_of
-from jaxmm.verdicts.priors import Prior
+from jaxmm.classes.telling_rays import Telling, telling_rays
+from jaxmm.verdicts.behind_removed import gone_of
+from jaxmm.verdicts.mismatches import KINDS, Looked
+from jaxmm.verdicts.priors import Prior, known_of
 from jaxmm.verdicts.results import ElementVerdict
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, UNSCANNED, Verdict
+
+
+def telling_of(
+    prior: Prior, looked: list[Looked], verdicts: list[Verdict] | None, settings: DetectSettings
+) -> list[Telling]:
+    """What each scan tells of those who are asked for and are neither walls nor columns; nothing where nobody is.
+
+    Args:
+        prior: what should be there.
+        looked: each scan.
+        verdicts: of all elements of a building, as the networks have them.
+        settings: who is asked for.
+    """
+    if verdicts is None or settings.preset == "thesis":
+        return []
+    table = prior.building.elements
+    others = settings.asked(table) & ~np.isin(table.semantic, list(KINDS))
+    known, gone = known_of(prior), gone_of(prior.building, verdicts)
+    return [telling_rays(known, one.rays, others, gone) for one in looked] if others.any() else []
 
 
 def wholes_of(

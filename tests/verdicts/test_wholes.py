@@ -54,8 +54,11 @@ def test_a_whole_is_gone_only_if_all_parts_that_tell_are():
     ],
 )
 def test_rays_that_nothing_else_explains_decide(before, through, support, glass, after):
-    telling = Telling(*(np.array([value, value]) for value in (through, support, glass)))
-    found = retold([verdict(before)] * 2, np.array([True, False]), telling, VerdictSettings())
+    some, rest = (
+        [Telling(*(np.array([part(value), 0]) for value in (through, support, glass)))]
+        for part in (lambda value: value // 3, lambda value: value - value // 3)
+    )
+    found = retold([verdict(before)] * 2, some + rest, VerdictSettings())  # of two scans
     assert found[0].verdict == after and found[1] == verdict(before)
     assert (found[0].probability >= 0.5) == (after == REMOVED)
     assert (found[0].probability == 0.02) == (after in (OCCLUDED, UNSCANNED))
