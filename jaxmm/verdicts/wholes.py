@@ -1,6 +1,7 @@
 """Verdicts of any class: by rays that nothing else explains, and of what is put together from elements by its parts.
 
-Such are a stair of flights, a roof of slabs, a facade of plates and members. E elements. A whole is gone only if all of its parts that can be told of are; where one stands, something of it does.
+Such are a stair of flights, a roof of slabs, a facade of plates and members. E elements. A whole is gone only if all of
+its parts that can be told of are; where one stands, something of it does.
 """
 
 from collections.abc import Sequence
