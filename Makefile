@@ -82,6 +82,7 @@ ifneq ($(wildcard $(JAXMM_DATA)/ifc),)
 	$(BIN)/python -m benchmarks.buildings $(JAXMM_DATA)/ifc --out runs/buildings
 	$(BIN)/python -m benchmarks.progress $(JAXMM_DATA)/ifc --out runs/progress
 	$(BIN)/python -m benchmarks.outdoors $(JAXMM_DATA)/ifc --out runs/outdoors
+	$(BIN)/python -m benchmarks.classes $(JAXMM_DATA)/ifc --out runs/classes
 endif
 ifneq ($(wildcard $(JAXMM_DATA)/real),)
 	JAXMM_DATA=$(JAXMM_DATA) $(BIN)/python -m benchmarks.reality

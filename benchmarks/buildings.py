@@ -50,7 +50,7 @@ from jaxmm.weights import DEFAULT
 from warp_scanner.buildings.pairs import MISSING, BuildingPairConfig, make_building_pairs
 from warp_scanner.clouds.points import points_of
 from warp_scanner.rooms.pairs import Pairs
-from warp_scanner.scenes.building import without
+from warp_scanner.scenes.building_edits import without
 from warp_scanner.sensors.poses import rotation_of
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, Sensor, sensor_named
 

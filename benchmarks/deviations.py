@@ -38,7 +38,8 @@ from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
 from warp_scanner.buildings.changes import of_element
-from warp_scanner.scenes.building import Triangles, join, move_element
+from warp_scanner.scenes.building import Triangles
+from warp_scanner.scenes.building_edits import join, move_element
 from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
 from warp_scanner.sensors.poses import Pose
 from warp_scanner.sensors.scan import Rays

@@ -25,7 +25,10 @@ FRAMES = (
     "the prior's, or of PCD with a VIEWPOINT the sensor's where that fits"
 )
 UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
-CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
+CLASSES = (
+    "that get a verdict, and no others: all, or of wall,column,door,window,slab; or any of IFC with its kinds, as "
+    "IfcBeam, IfcFlowSegment or IfcElement; default: wall,column"
+)
 # What every detection in a building launches, in the order of first use.
 KERNELS = ("triangles", "voxels", "planes", "neighbours", "sightlines", "surface")
 AS_BUILT = "also write as_built.ifc: the model with displaced elements where they were measured"

@@ -1,4 +1,4 @@
-"""Detections or scores in; files to open out. May import: root, formats, rays, learning, deviations, verdicts."""
+"""Detections or scores in; files out. May import: root, formats, rays, learning, deviations, classes, verdicts."""
 
 import lazy_loader
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.formats.units import UNITS as UNIT_WORDS
 from jaxmm.reports.deviation_words import (
     INTERVAL_WORDS,
@@ -29,6 +30,7 @@ from jaxmm.reports.verdict_words import (
     PROBABILITY_OF_MISMATCH,
     PROBABILITY_WORDS,
     SURE_OF_TYPE,
+    UNEXPLAINED_WORDS,
     VERDICT_WORDS,
 )
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, Pose, PriorFile, ScanRecord
@@ -36,6 +38,7 @@ from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
 MOST_DISPLACED = 50  # elements that are told of in full
 MOST_FILES = 4  # of a model in several, that are named
+MOST_THINGS = 30  # of what is not in the model
 GAP = "-"  # shown for what is not known
 UNITS = {"shift": " m", "turn": "°", "residual": " m"}  # of the numbers of a registration
 # What is markup anywhere (an underscore within a word is not), and what would begin a list or a rule at the start.
@@ -55,6 +58,7 @@ def as_markdown(detection: Detection) -> str:
         _sentences(detection),
         _mismatches(detection.mismatches, detection.prior is not None and len(detection.prior.sources) > 1),
         _displaced(detection.elements),
+        _unexplained(detection.unexplained),
         _elements(detection.elements),
         _scans(detection.scans),
         _notes(detection.notes),
@@ -157,6 +161,18 @@ def prior_in_words(prior: PriorFile) -> str:
         return f"{kind} {prior.file}, of {len(prior.sources)} files: {', '.join(names)}"
     project = f", IfcProject {prior.project}" if prior.project else ""
     return f"{kind} {prior.file}, in {unit}{project}"
+
+
+def _unexplained(things: Sequence[Unexplained]) -> list[str]:
+    if not things:
+        return []
+    rows = (
+        (str(index), metres(one.center), metres(one.dimensions), number(one.rotation, 0), str(one.points))
+        for index, one in enumerate(things[:MOST_THINGS], 1)
+    )
+    more = [f"And {len(things) - MOST_THINGS} more: unexplained.csv."] if len(things) > MOST_THINGS else []
+    columns = ("", "centre x, y, z [m]", "dimensions [m]", "rotation [°]", "points, one for each 0.1 m")
+    return ["## Not in the model", "", UNEXPLAINED_WORDS, "", *_table(columns, rows), *([""] if more else []), *more]
 
 
 def _prior(prior: PriorFile) -> str:

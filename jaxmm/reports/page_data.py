@@ -23,6 +23,7 @@ from jaxmm.reports.verdict_words import (
     PROBABILITY_WORDS,
     ROBOT_EVIDENCE_WORDS,
     SURE_OF_TYPE,
+    UNEXPLAINED_WORDS,
     VERDICT_WORDS,
 )
 from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Key, to_json
@@ -77,6 +78,7 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
             "verdicts": VERDICT_WORDS if detection.elements else {},  # a point cloud has nothing that they are of
             "probability": PROBABILITY_WORDS if detection.elements else PROBABILITY_OF_MISMATCH,
             "prior": EVIDENCE_WORDS, "robot": ROBOT_EVIDENCE_WORDS, "observable": OBSERVABLE_WORDS,
+            "unexplained": UNEXPLAINED_WORDS,
             "north": NORTH_WORDS, "interval": INTERVAL_WORDS, "sign": SIGN_WORDS,
             "assumed": ASSUMED_WORDS, "tilde": ASSUMED, "sure_of_type": SURE_OF_TYPE,
         },

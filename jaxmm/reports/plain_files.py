@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.deviations.deviation import Deviation
 from jaxmm.files import write_atomically, write_json, write_text
 from jaxmm.formats.cloud_files import write_ply
@@ -22,10 +23,11 @@ from jaxmm.verdicts.mismatch_points import mismatch_points, signed_distances
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, to_json, told_probability
 
 PLAIN_FILES = (
-    "report.json", "report.md", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv", "mismatches.ply",
-    "points.ply",
+    "report.json", "report.md", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv", "unexplained.csv",
+    "mismatches.ply", "points.ply",
 )  # fmt: skip
 ADDED_COLOR, REMOVED_COLOR = (0, 114, 178), (213, 94, 0)  # blue and vermillion: told apart with every colour blindness
+UNEXPLAINED_COLOR = (86, 180, 233)  # sky-blue
 GREYS = {SUPPORT: 205, THROUGH: 160, UNSEEN: 115, BLOCKED: 70}  # of points that show no mismatch, by their evidence
 POSITION = ("x [m]", "y [m]", "z [m]")
 MISMATCH_COLUMNS = (
@@ -43,6 +45,10 @@ ELEMENT_COLUMNS = (
     "guid", "ifc_class", "name", "storey", "verdict", "probability_removed", "prior_points",
     *(f"rays_{name}" for name in FRACTIONS), *(f"next_view_{name}" for name in POSITION), "next_view_yaw [deg]",
     "next_view_pitch [deg]", *DEVIATION_COLUMNS, "file", "same_as",
+)  # fmt: skip
+UNEXPLAINED_COLUMNS = (
+    "number", *(f"center_{name}" for name in POSITION), *(f"dimension_{name}" for name in POSITION), "rotation [deg]",
+    "points",
 )  # fmt: skip
 
 
@@ -62,6 +68,7 @@ def write_plain(folder: Path, detection: Detection) -> None:
     write_csv(folder / "mismatches.csv", mismatches_csv(detection.mismatches))
     write_csv(folder / "elements.csv", elements_csv(detection.elements))
     write_csv(folder / "deviations.csv", deviations_csv(detection.elements))
+    write_csv(folder / "unexplained.csv", unexplained_csv(detection.unexplained))
     write_mismatch_points(folder / "mismatches.ply", detection)
     write_points(folder / "points.ply", detection)
 
@@ -116,6 +123,15 @@ def deviations_csv(elements: Iterable[ElementVerdict]) -> str:
     return as_csv(WORST_COLUMNS, rows)
 
 
+def unexplained_csv(things: Iterable[Unexplained]) -> str:
+    """A row for each thing that is not in the model, in the manner of `mismatches_csv`; `points` of the scans on it."""
+    rows = [
+        [number, *map(float, one.center), *map(float, one.dimensions), float(one.rotation), one.points]
+        for number, one in enumerate(things, 1)
+    ]
+    return as_csv(UNEXPLAINED_COLUMNS, rows)
+
+
 def sentences_of(detection: Detection) -> tuple[str, ...]:
     """What is new, what is gone, and what stands off its place, a line each."""
     return (*detection.sentences, *(printable(place_in_words(one)) for one in displaced(detection.elements)))
@@ -134,9 +150,9 @@ def _deviation(one: Deviation | None) -> list[Any]:
 def write_mismatch_points(path: Path, detection: Detection) -> tuple[Path, ...]:
     """Write the points of both sides as a PLY file, see formats.cloud_files; returns the files.
 
-    Blue points show something added, vermillion ones something removed; all others are grey, the darker the less a ray
-    met them (see GREYS). `scalar_probability` is that of the point; `scalar_side` is 0 for the robot's points, 1 for
-    the prior's.
+    Blue points show something added, vermillion ones something removed, sky-blue ones what else is not in the model;
+    all others are grey, the darker the less a ray met them (see GREYS). `scalar_probability` is that of the point;
+    `scalar_side` is 0 for the robot's points, 1 for the prior's.
     """
     drawing, shown = detection.drawing, mismatch_points(detection)
     count = len(drawing.robot)
@@ -149,12 +165,13 @@ def write_mismatch_points(path: Path, detection: Detection) -> tuple[Path, ...]:
     grey = np.array([GREYS[index] for index in range(len(FRACTIONS))], np.uint8)
     for rows, evidence, mismatch, own in sides:
         rows[:] = np.where((mismatch >= 0)[:, None], np.array(own, np.uint8), grey[evidence][:, None])
+    color[:count][shown.unexplained] = UNEXPLAINED_COLOR
     fields = dict(zip(("red", "green", "blue"), color.T, strict=True)) | {
         "scalar_probability": np.concatenate([drawing.robot_probability, drawing.prior_probability]).astype(np.float32),
         "scalar_side": (np.arange(len(points)) >= count).astype(np.uint8),
     }
     return write_ply(path, points, fields, (
-        "metres, z up; blue: added, vermillion: removed, grey: unchanged or not told",
+        "metres, z up; blue: added, vermillion: removed, sky-blue: else not in the model, grey: unchanged or not told",
         "side 0: measured by the robot, 1: of the building model",
     ))  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""A prior, rays and models in; a Detection out. May import: root, formats, rays, learning, objects, deviations."""
+"""A prior and rays in; a Detection out. May import: root, formats, rays, learning, objects, deviations, classes."""
 
 import lazy_loader
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.classes.selection import CLASSES
 from jaxmm.deviations.deviation import Deviation, deviations_of, is_told, shifted
 from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
 from jaxmm.deviations.shifted_columns import columns_of, shifts_of
@@ -18,9 +19,10 @@ from jaxmm.rays.scan_rays import ScanRays
 from jaxmm.verdicts.behind_removed import filling
 from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior
-from jaxmm.verdicts.settings import CLASSES, DetectSettings
+from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, UNSCANNED, Verdict
-from warp_scanner.scenes.building import element_bounds, move_element
+from warp_scanner.scenes.building import element_bounds
+from warp_scanner.scenes.building_edits import move_element
 from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.triangles import prepare
 

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from jaxmm.classes.telling_rays import Telling
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
 from jaxmm.learning.element_boxes import boxes_of
@@ -24,9 +25,9 @@ from jaxmm.verdicts.mirrors import without_mirror_images
 from jaxmm.verdicts.mismatches import Looked, mismatches_of, shown_by_each
 from jaxmm.verdicts.named_scans import NamedScan, placed_scan, settled_scan
 from jaxmm.verdicts.next_view import Stage, next_views, stand_of
-from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only
+from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only, things_not_in_model
 from jaxmm.verdicts.placement import Placed
-from jaxmm.verdicts.priors import Prior, without_stray
+from jaxmm.verdicts.priors import Prior, unasked, without_stray
 from jaxmm.verdicts.results import (
     Detection,
     Drawing,
@@ -40,7 +41,18 @@ from jaxmm.verdicts.results import (
 )
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.standing_alone import for_sure
-from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, told_of, verdicts_of
+from jaxmm.verdicts.verdicts import (
+    OCCLUDED,
+    REMOVED,
+    UNSCANNED,
+    VERDICTS,
+    Told,
+    Verdict,
+    retold,
+    told_of,
+    verdicts_of,
+)
+from jaxmm.verdicts.wholes import telling_of, wholes_of
 from warp_scanner.scenes.scenes import DOOR
 from warp_scanner.sensors.sensors import Pinhole
 from warp_scanner.sensors.triangles import clearance
@@ -61,6 +73,9 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         InputError: a scan does not fit; the line names its file.
     """
     beyond_thesis, watch = settings.preset != "thesis", _Watch()
+    asked = settings.asked(prior.building.elements) if prior.has_elements else np.zeros(0, bool)
+    if prior.has_elements:
+        prior = prior._replace(notes=(*prior.notes, *unasked(prior.building, asked)))
     if settings.settle and beyond_thesis:
         prior, scans = without_stray(prior), [settled_scan(one) for one in scans]
     watch.lap("settling")
@@ -72,7 +87,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     ]
     watch.lap("registration")
     if beyond_thesis:
-        prior = without_hanging(prior, settings.semantics)
+        prior = without_hanging(prior, asked)
     if settings.mirrors and beyond_thesis:
         placed, scans = without_mirror_images(prior, placed, scans)
     rays = _rays(prior, placed, scans)
@@ -86,25 +101,33 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
         past_gone, told = look_past_what_is_gone(prior, looked, told, judges, settings.verdicts, sure=sure)
     told = sure(told)
     watch.lap("evidence")
-    verdicts = _verdicts(told, stands, settings) if prior.has_elements else None
+    found = _verdicts(told, stands, settings, []) if prior.has_elements else None
+    telling = telling_of(prior, looked, found, settings)
+    verdicts = None if found is None else retold(found, telling, settings.verdicts)
     wanted = _of_classes(prior, verdicts, settings)
     mismatches = mismatches_of(prior, looked, wanted, settings, past_gone)
     watch.lap("objects")
     elements = _elements(prior, verdicts, placed, looked, stands, settings) if verdicts is not None else ()
     elements = _with_boxes(drawn_prior, elements)  # where the model has them, not where they stand
+    if verdicts is not None:
+        elements = wholes_of(prior, verdicts, elements, settings)
     watch.lap("next views")
-    records = _records(prior, scans, placed, (told, stands, settings, mismatches))
+    records = _records(prior, scans, placed, (told, stands, settings, mismatches), telling)
     # Drawn are the rays as the whole model has them, and what the points are held for in the end.
     pairs = zip(looked, past_gone or looked, strict=True)
     drawn = [new._replace(added=new.added._replace(view=one.added.view)) for one, new in pairs]
     drawing = _drawing(drawn_prior, drawn, placed)
+    unknown = things_not_in_model(prior, looked, mismatches, settings.unexplained) if beyond_thesis else ()
     registration = {
         "refined": settings.refine,
         "residual": float(np.max([one.residual for one in placed])),
         "scans": [one.registration for one in records],
     }
     notes = (*prior.notes, *notes_on(mismatches, elements), *open_doors(_doors_passed(prior, verdicts, settings)))
-    return Detection(mismatches, elements, records, registration, settings.as_json(), watch.laps(), notes, drawing)
+    return Detection(
+        mismatches, elements, records, registration, settings.as_json(), watch.laps(), notes, drawing,
+        unexplained=unknown,
+    )  # fmt: skip
 
 
 class _Watch:
@@ -188,25 +211,26 @@ def _for_sure(
     ]
 
 
-def _verdicts(told: list[Told], stands: AsBuilt, settings: DetectSettings) -> list[Verdict]:
+def _verdicts(told: list[Told], stands: AsBuilt, settings: DetectSettings, telling: list[Telling]) -> list[Verdict]:
     """Of each element, by all that scans tell."""
-    return with_displaced(verdicts_of(told, settings.verdicts), stands, settings.verdicts.least_rays)
+    found = with_displaced(verdicts_of(told, settings.verdicts), stands, settings.verdicts.least_rays)
+    return retold(found, telling, settings.verdicts)
 
 
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:
     """The verdicts, with those of all other classes left open."""
     if verdicts is None:
         return None
-    wanted = np.isin(prior.building.elements.semantic, settings.semantics)
+    wanted = settings.asked(prior.building.elements)
     return [one if mine else one._replace(verdict=OCCLUDED) for one, mine in zip(verdicts, wanted, strict=True)]
 
 
 def _doors_passed(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[str]:
-    """Names of the doors that rays pass, in walls that stand; of none where doors get verdicts."""
-    if verdicts is None or DOOR in settings.semantics:
+    """Names of the doors that rays pass, in walls that stand; of none that gets a verdict."""
+    if verdicts is None:
         return []
     table = prior.building.elements
-    passed = np.array([one.verdict == REMOVED for one in verdicts]) & (table.semantic == DOOR)
+    passed = np.array([one.verdict == REMOVED for one in verdicts]) & (table.semantic == DOOR) & ~settings.asked(table)
     if passed.any():
         passed &= ~filling(prior.building, holders(prior.building, gone_of(prior.building, verdicts)))
     return [repr(table.name[row] or table.guid[row]) for row in np.flatnonzero(passed)]
@@ -222,7 +246,7 @@ def _elements(
 ) -> tuple[ElementVerdict, ...]:
     """The verdicts of the wanted classes, with a view to take next where one was hidden."""
     table, storeys = prior.building.elements, prior.building.storeys
-    rows = np.flatnonzero(np.isin(table.semantic, settings.semantics))
+    rows = np.flatnonzero(settings.asked(table))
     hidden, views = np.array([row for row in rows if verdicts[row].verdict == OCCLUDED], int), {}
     if len(hidden) and settings.propose_views:
         gone = gone_of(prior.building, verdicts)
@@ -275,19 +299,20 @@ def _records(
     scans: list[NamedScan],
     placed: list[Placed],
     told: tuple[list[Told | None], AsBuilt, DetectSettings, tuple[Mismatch, ...]],
+    telling: list[Telling],
 ) -> tuple[ScanRecord, ...]:
     """What is known of every scan: which verdicts it changed beyond those before it, which mismatches it shows."""
     (says, stands, settings, mismatches), records = told, []
     shows, alone = shown_by_each(mismatches, len(scans))
     if prior.has_elements:
-        wanted = np.isin(prior.building.elements.semantic, settings.semantics)
+        wanted = settings.asked(prior.building.elements)
         before = np.full(int(wanted.sum()), UNSCANNED)
     for number, (one, fit) in enumerate(zip(scans, placed, strict=True)):
         changed = dict.fromkeys(VERDICTS, 0)
         if prior.has_elements:
-            now = np.array([found.verdict for found in _verdicts(says[: number + 1], stands.by(number + 1), settings)])[
-                wanted
-            ]
+            count = number + 1
+            by_these = _verdicts(says[:count], stands.by(count), settings, telling[:count])
+            now = np.array([found.verdict for found in by_these])[wanted]
             new = now[now != before]
             changed |= {name: int(np.sum(new == name)) for name in VERDICTS}
             before = now

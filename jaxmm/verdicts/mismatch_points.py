@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.learning.boxes import Box
-from jaxmm.rays.evidence import SUPPORT, THROUGH
+from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH
 from jaxmm.verdicts.results import Detection, Mismatch
 from warp_scanner.scenes.building import Triangles
 from warp_scanner.sensors.scan import Rays
@@ -23,6 +24,7 @@ class MismatchPoints(NamedTuple):
 
     robot: np.ndarray  # (N,) int32 index of the added mismatch; -1 for points that show none
     prior: np.ndarray  # (M,) int32 index of the removed mismatch; -1
+    unexplained: np.ndarray  # (N,) bool: of no mismatch, but of something else that is not in the model
 
 
 def mismatch_points(detection: Detection) -> MismatchPoints:
@@ -42,10 +44,14 @@ def mismatch_points(detection: Detection) -> MismatchPoints:
             prior[drawing.prior_element == row_of[one.key]] = index
         else:
             prior[inside(one, drawing.prior, drawing.origin) & (drawing.prior_evidence == THROUGH)] = index
-    return MismatchPoints(robot, prior)
+    unexplained = np.zeros(len(robot), bool)
+    for thing in detection.unexplained:
+        unexplained |= inside(thing, drawing.robot, drawing.origin)
+    unexplained &= (robot < 0) & (drawing.robot_evidence == BLOCKED)
+    return MismatchPoints(robot, prior, unexplained)
 
 
-def inside(mismatch: Mismatch | Box, offsets: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def inside(mismatch: Mismatch | Box | Unexplained, offsets: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Which points (N,) lie in a box, as of a mismatch, or within MARGIN of it.
 
     Args:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from jaxmm.classes.telling_rays import Known
 from jaxmm.files import sha256_of
 from jaxmm.formats.readers import READERS, PointScan, read_scans
 from jaxmm.formats.units import Distance
@@ -192,17 +193,21 @@ def kind_of(path: Path) -> str:
 def prior_of_building(building: Building) -> Prior:
     """A building that was read, ready for rays."""
     scene = prepare(building.triangles)
-    notes = (*remarks(building), *_unasked(building))
-    return Prior(building.origin, notes, building, scene, known=_known(building, scene))
+    return Prior(building.origin, tuple(remarks(building)), building, scene, known=_known(building, scene))
 
 
-def _unasked(building: Building) -> list[str]:
-    """That nobody tells of curtain walls, or of what may be a wall or a column by another name, where there is any."""
+def unasked(building: Building, asked: np.ndarray) -> list[str]:
+    """That nobody tells of curtain walls, or of what may be a wall or a column by another name, where there is any.
+
+    Args:
+        building: the model.
+        asked: (E,) bool, elements that get a verdict.
+    """
     classes = np.asarray(building.elements.ifc_class, str)
     low, high = element_bounds(building.triangles)
-    upright = (classes == PROXY) & (high[:, 2] - low[:, 2] >= UPRIGHT)
+    upright = ~asked & (classes == PROXY) & (high[:, 2] - low[:, 2] >= UPRIGHT)
     found = {
-        f"of the classes {', '.join(FACADE)}": int(np.isin(classes, FACADE).sum()),
+        f"of the classes {', '.join(FACADE)}": int((~asked & np.isin(classes, FACADE)).sum()),
         f"of the class {PROXY} and {UPRIGHT:g} m high or higher": int(upright.sum()),
     }
     return [
@@ -212,6 +217,17 @@ def _unasked(building: Building) -> list[str]:
         for what, count in found.items()
         if count
     ]
+
+
+def known_of(prior: Prior) -> Known:
+    """What is known of the elements of a building, for `telling_rays`."""
+    building, scene = prior.building, prior.scene
+    if len(scene.triangles.faces) != len(building.triangles.faces):
+        scene = prepare(building.triangles)  # of which the prior's lacks some
+    facades = {(one.file, guid) for one in building.wholes if one.ifc_class == FACADE[0] for guid in one.parts}
+    table = building.elements
+    in_facade = np.array([key in facades for key in zip(table.file, table.guid, strict=True)], bool)
+    return Known(scene, building.elements.ifc_class, building.clear, in_facade)
 
 
 def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:

@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.deviations.deviation import PRIVATE, Deviation
 from jaxmm.formats.dates import Taken
 from jaxmm.learning.boxes import Box, sentence
 from jaxmm.learning.element_boxes import UprightBox
 from jaxmm.rays.evidence import FRACTIONS
-from jaxmm.verdicts.verdicts import DISPLACED, PRESENT, REMOVED, STANDS, VERDICTS
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, STANDS, VERDICTS
 from warp_scanner.scenes.building import Building, Source
 
 Key = tuple[str, str]  # file and GlobalId
@@ -25,6 +26,7 @@ MOST_NAMED = 5  # in notes on elements
 # Of a present element of which a part may be gone: share of the rays that tell of it, that pass, and how many at least.
 # In 1,001 verdicts of unchanged rooms and buildings, scanned as built, 8 elements have more.
 GONE, LEAST_THROUGH = 0.2, 100
+SEE_THROUGH, LEAST_PASSED = ("IfcDoor", "IfcWindow", "IfcPlate", "IfcCurtainWall"), 20  # rays
 PLURAL = {"wall": "walls", "pillar": "pillars"}
 
 
@@ -149,6 +151,7 @@ class Detection(NamedTuple):
     drawing: Drawing
     prior: PriorFile | None = None  # None where the prior came as arrays
     date: str | None = None  # of what was found, as of `formats.dates`; None where nobody knows
+    unexplained: tuple[Unexplained, ...] = ()  # what is in no model, and neither a wall nor a column
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -229,10 +232,19 @@ def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, .
         for one in once(elements)
         if one.verdict == PRESENT and one.rays[0] >= LEAST_THROUGH and _passed(one) >= GONE
     ]
+    passed = [
+        f"{_named(one)} ({one.guid}) is told to be occluded: rays pass through its place, as through glass or where a "
+        "door is open, and too little of its frame is seen to tell whether it stands"
+        for one in once(elements)
+        if one.verdict == OCCLUDED
+        and one.ifc_class.startswith(SEE_THROUGH)
+        and one.rays[0] > max(one.rays[1], LEAST_PASSED)
+    ]
     return (
         *nothing_present(elements),
         *_first(stands, "removed elements a part may stand, too"),
         *_first(holes, "present elements a part may be gone, too"),
+        *_first(passed, "occluded elements rays pass, too"),
     )
 
 
@@ -280,6 +292,7 @@ def to_json(detection: Detection) -> dict[str, Any]:
         "date": detection.date,
         "mismatches": [_mismatch(one) for one in detection.mismatches],
         "elements": [_element(one) for one in detection.elements],
+        "unexplained": [_plain(one._asdict()) for one in detection.unexplained],
         "prior": _prior(detection.prior),
         "scans": [_scan(one) for one in detection.scans],
         "sentences": list(detection.sentences),

@@ -17,6 +17,7 @@ from warp_scanner.clouds.points import points_of
 
 OUTPUTS = {
     "report.json", "report.md", "report.html", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv",
+    "unexplained.csv",
     "mismatches.ply", "points.ply", "mismatches.bcf", "plan.png", "evidence.png", "probability.png", "updated.ifc",
     "undo.json",
 }  # fmt: skip

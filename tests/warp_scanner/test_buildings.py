@@ -9,7 +9,8 @@ import trimesh
 from warp_scanner.buildings.files import read_building
 from warp_scanner.buildings.ifc_model import unit_scale
 from warp_scanner.buildings.positions import check_position
-from warp_scanner.scenes.building import Failure, ReadOptions, bounds, join, remarks
+from warp_scanner.scenes.building import Failure, ReadOptions, bounds, remarks
+from warp_scanner.scenes.building_edits import join
 from warp_scanner.scenes.scenes import DOOR, OTHER, PILLAR, WALL, WINDOW
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import cast_triangles, prepare

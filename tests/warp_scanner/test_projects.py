@@ -9,7 +9,8 @@ from tests.cases.box_building import building_of, shell_of
 from warp_scanner.buildings.arrays import packed, unpacked
 from warp_scanner.buildings.frames import Read, moved
 from warp_scanner.buildings.projects import named, together
-from warp_scanner.scenes.building import Storeys, bounds, element_bounds, without
+from warp_scanner.scenes.building import Storeys, bounds, element_bounds
+from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import cast_triangles, prepare

@@ -6,7 +6,7 @@ E elements, S storeys, V vertices, T triangles, as in buildings.py.
 import numpy as np
 
 from warp_scanner.guarded import Plain
-from warp_scanner.scenes.building import Building, Elements, Failure, Source, Storeys, Triangles, Twin
+from warp_scanner.scenes.building import Building, Elements, Failure, Source, Storeys, Triangles, Twin, Whole
 
 
 def packed(building: Building) -> Plain:
@@ -19,14 +19,14 @@ def packed(building: Building) -> Plain:
         "failures": building.failures, "flaws": building.flaws,
         "zero_area": building.zero_area, "notes": building.notes, "unit": building.unit, "project": building.project,
         "sources": [one[:-1] for one in building.sources],
+        "wholes": building.wholes,
     }  # fmt: skip
     arrays = {
         "storey": elements.storey, "semantic": elements.semantic,
         "vertices": triangles.vertices, "faces": triangles.faces, "element": triangles.element,
         "origin": building.origin, "elevation": storeys.elevation,
     }  # fmt: skip
-    if building.to_map is not None:
-        arrays["to_map"] = building.to_map
+    arrays |= {name: given for name in ("to_map", "clear") if (given := getattr(building, name)) is not None}
     if building.sources:
         arrays["to_world"] = np.array([one.to_world for one in building.sources])
     return Plain(words, arrays)
@@ -56,4 +56,6 @@ def unpacked(plain: Plain) -> Building:
         words["unit"],
         words["project"],
         tuple(Source(*one, way) for one, way in zip(words["sources"], arrays.get("to_world", ()), strict=True)),
+        tuple(Whole(*one[:4], tuple(one[4]), one[5]) for one in words["wholes"]),
+        arrays.get("clear"),
     )  # fmt: skip

@@ -24,10 +24,11 @@ from warp_scanner.scenes.building import (
     Source,
     Storeys,
     Triangles,
+    Whole,
     element_bounds,
     origin_of,
-    without,
 )
+from warp_scanner.scenes.building_edits import without
 
 AT_ONCE = 2  # files that are read at a time; most of a reader's work is of one thread
 LARGEST_MARK = 2.0  # [m] of what marks the zero of a file
@@ -71,7 +72,8 @@ def named(building: Building, name: str) -> Building:
     """The building of one file, under the name that the file has among others."""
     failures, flaws = (tuple(one._replace(file=name) for one in each) for each in (building.failures, building.flaws))
     table = building.elements._replace(file=(name,) * len(building.elements.guid))
-    return building._replace(elements=table, failures=failures, flaws=flaws)
+    wholes = tuple(one._replace(file=name) for one in building.wholes)
+    return building._replace(elements=table, failures=failures, flaws=flaws, wholes=wholes)
 
 
 def together(files: Sequence[Read], first: str | None = None) -> Building:
@@ -148,7 +150,25 @@ def joined(placed: Sequence[Placed]) -> Building:
     return Building(
         elements, triangles, origin, table, failures, sum(one.zero_area for one in buildings),
         (*told, *far, *_notes(placed)), _to_map(placed), flaws, sources=sources,
+        wholes=_wholes(buildings, rows), clear=_clear(buildings),
     )  # fmt: skip
+
+
+def _wholes(buildings: Sequence[Building], rows: Sequence[np.ndarray]) -> tuple[Whole, ...]:
+    """Of all files, on the storeys that their elements (E of each) have in the table of the whole."""
+    found = []
+    for one, new in zip(buildings, rows, strict=True):
+        storey = dict(zip(one.elements.storey.tolist(), np.asarray(new).tolist(), strict=True))
+        found += [each._replace(storey=storey.get(each.storey, -1)) for each in one.wholes]
+    return tuple(found)
+
+
+def _clear(buildings: Sequence[Building]) -> np.ndarray | None:
+    """Which triangles of all files are of glass; files that do not say have none. None where no file says."""
+    if all(one.clear is None for one in buildings):
+        return None
+    each = [np.zeros(len(one.triangles.faces), bool) if one.clear is None else one.clear for one in buildings]
+    return np.concatenate(each)
 
 
 def _scale(one: Placed) -> float:

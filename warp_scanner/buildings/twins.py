@@ -10,7 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from warp_scanner.buildings.changes import Change, of_element
-from warp_scanner.scenes.building import Building, Twin, element_bounds, without
+from warp_scanner.scenes.building import Building, Twin, element_bounds
+from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import OTHER
 
 # Of the box about both, along the axes of one, that each fills. Trades end walls differently at corners, so that short

@@ -6,7 +6,6 @@ are offsets too.
 """
 
 import dataclasses
-import itertools
 from pathlib import Path
 from typing import NamedTuple
 
@@ -83,6 +82,17 @@ class Source(NamedTuple):
     to_world: np.ndarray  # (4, 4) float64 from the file's own frame, in metres, to that of the building
 
 
+class Whole(NamedTuple):
+    """What is put together from elements: a stair of flights, a roof of slabs; it may be an element itself."""
+
+    guid: str  # IFC GlobalId
+    ifc_class: str
+    name: str
+    storey: int  # row of the storey table or -1
+    parts: tuple[str, ...]  # guids of elements, of the same file
+    file: str = ""  # where the building is of several
+
+
 class Building(NamedTuple):
     """What a file holds."""
 
@@ -98,6 +108,8 @@ class Building(NamedTuple):
     unit: float = 1.0  # [m] length of the file's unit
     project: str | None = None  # GlobalId of the IfcProject, of an IFC file
     sources: tuple[Source, ...] = ()  # the files, where it is of several
+    wholes: tuple[Whole, ...] = ()  # parts that a model without some of its elements lacks may still be named
+    clear: np.ndarray | None = None  # (T,) bool: triangles of glass, by their material; None: nobody knows
 
 
 class Part(NamedTuple):
@@ -110,6 +122,7 @@ class Part(NamedTuple):
     semantic: int
     vertices: np.ndarray  # (v, 3) float64 [m] world
     faces: np.ndarray  # (t, 3) int
+    clear: np.ndarray | None = None  # (t,) bool: of a transparent material; None: none is
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,6 +155,7 @@ class Found(NamedTuple):
     flaws: tuple[Failure, ...] = ()
     unit: float = 1.0
     project: str | None = None
+    wholes: tuple[Whole, ...] = ()
 
 
 WITHOUT_STOREYS = "the file has no storeys: the floor of the bounding box stands for one"
@@ -189,9 +203,10 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
         ((),) * len(solid),
     )
     triangles = _joined(solid, origin, elements.semantic)
+    clear = [np.zeros(len(part.faces), bool) if part.clear is None else part.clear for part in solid]
     return Building(
         elements, triangles, origin, storeys, tuple(failures), zero_area, tuple(notes), found.to_map, found.flaws,
-        found.unit, found.project,
+        found.unit, found.project, (), found.wholes, np.concatenate(clear),
     )  # fmt: skip
 
 
@@ -245,57 +260,9 @@ def element_bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
     return spans[0], spans[1]
 
 
-def without(building: Building, rows: np.ndarray) -> Building:
-    """A building as a model that misses some elements (n,): those behind them move up in the table."""
-    stays = np.ones(len(building.elements.guid), bool)
-    stays[rows] = False
-    table = Elements(*(
-        tuple(itertools.compress(column, stays)) if isinstance(column, tuple) else column[stays]
-        for column in building.elements
-    ))  # fmt: skip
-    vertices, faces, element, semantic = building.triangles
-    left = stays[element]
-    element = (np.cumsum(stays) - 1)[element[left]].astype(np.int32)
-    return building._replace(elements=table, triangles=Triangles(vertices, faces[left], element, semantic[stays]))
-
-
 def fixed(triangles: Triangles) -> np.ndarray:
     """(E,) bool: what is part of the building; nothing that is added, and no sensor, stands on its furniture."""
     return ~np.isin(triangles.semantic, _MOVABLE)
-
-
-def move_element(
-    triangles: Triangles, row: int, step: np.ndarray, turn: np.ndarray, about: np.ndarray | None = None
-) -> Triangles:
-    """The triangles with one element moved; corners that others share with it stay theirs.
-
-    Args:
-        triangles: of all elements.
-        row: of the element.
-        step: (3,) [m].
-        turn: (3,) [rad] rotation vector.
-        about: (3,) [m] what it turns about; None: the middle of what it fills.
-    """
-    from scipy.spatial.transform import Rotation  # slow to import
-
-    own = triangles.element == row
-    used, place = np.unique(triangles.faces[own], return_inverse=True)
-    corners = triangles.vertices[used].astype(np.float64)
-    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0 if about is None else about
-    corners = Rotation.from_rotvec(turn).apply(corners - middle) + middle + step
-    faces = triangles.faces.copy()
-    faces[own] = len(triangles.vertices) + place.reshape(-1, 3)
-    return triangles._replace(vertices=np.concatenate([triangles.vertices, corners.astype(np.float32)]), faces=faces)
-
-
-def join(first: Triangles, second: Triangles) -> Triangles:
-    """Two sets of triangles in one; the elements of the second come after those of the first."""
-    return Triangles(
-        np.concatenate([first.vertices, second.vertices]),
-        np.concatenate([first.faces, second.faces + np.int32(len(first.vertices))]),
-        np.concatenate([first.element, second.element + np.int32(len(first.semantic))]),
-        np.concatenate([first.semantic, second.semantic]),
-    )
 
 
 def origin_of(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, list[str]]:
@@ -329,7 +296,9 @@ def _solid(part: Part) -> Part:
     sides = np.roll(corners, -1, axis=1) - corners
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    return part._replace(faces=part.faces.reshape(-1, 3)[area > _THIN * longest])
+    kept = area > _THIN * longest
+    clear = None if part.clear is None else part.clear[kept]
+    return part._replace(faces=part.faces.reshape(-1, 3)[kept], clear=clear)
 
 
 def _failed(part: Part, reason: str) -> Failure:

@@ -13,6 +13,7 @@ const VERDICTS = {
   unscanned: { tint: "#767d85", fill: 0.08, sign: "?" },
   present: { tint: "#009e73", fill: 0.11, sign: "✓" },
 };
+const UNEXPLAINED = "#2b8cbe"; // what is not in the model: lines
 const ARROW = "#a35c00"; // of offsets: that of displaced elements, darker, for lines are thin
 const NO_VERDICT = { tint: "#98a1aa", fill: 0.05, sign: "–" };
 /** By what most rays did; each in the colour of the verdict that it speaks for. */

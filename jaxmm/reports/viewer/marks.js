@@ -63,6 +63,22 @@ function boxTriangles(mismatch, cut) {
   });
 }
 
+/** Outlines of what is not in the model, and neither a wall nor a column. */
+function thingLines(cut) {
+  const lines = [];
+  for (const one of report.unexplained) {
+    const corners = footprint(one);
+    const [bottom, top] = heights(one, cut);
+    if (bottom >= cut) continue;
+    corners.forEach((corner, k) => {
+      const next = corners[(k + 1) % corners.length];
+      for (const z of [bottom, top]) addLine(lines, [...corner, z], [...next, z], packed(UNEXPLAINED), DASH / 3);
+      addLine(lines, [...corner, bottom], [...corner, top], packed(UNEXPLAINED), DASH / 3);
+    });
+  }
+  return lines;
+}
+
 /** Arrows of elements that stand off their places, from the middle of each along its offset. */
 function offsetArrows(keys, bounds) {
   const lines = [];

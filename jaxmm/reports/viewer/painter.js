@@ -43,6 +43,7 @@ function painterOf(gl) {
   };
   painter.cutAt = (z) => {
     painter.plan = lineItem(gl, planLines(bounds, z), painter.plan);
+    painter.things = lineItem(gl, thingLines(z), painter.things);
     painter.boxes = report.mismatches.map((one, index) => boxItem(gl, programs, one, z, painter.boxes[index]));
   };
   painter.proposed = (pose) => {
@@ -146,6 +147,7 @@ function draw(painter, state, view) {
   if (element !== undefined) drawChosen(painter, element, view);
   const whole = { ...view, between: EVERYWHERE }; // boxes are cut already, and sensors may stand above it
   if (state.layers.boxes) painter.boxes.forEach((box, index) => drawBox(painter, box, index === state.mismatch, whole));
+  if (state.layers.things) drawLines(painter, painter.things, whole, 1.6);
   if (state.layers.arrows) {
     gl.disable(gl.DEPTH_TEST); // they begin inside of what moved
     drawLines(painter, painter.arrows, whole, 3);

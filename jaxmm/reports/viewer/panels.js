@@ -1,5 +1,6 @@
 // The words around the 3D view: what is chosen, the mismatches, the legend, what words mean, and the details.
 
+const MOST_THINGS = 30; // that are not in the model, listed; unexplained.csv has all
 const MOST_DISPLACED = 100; // listed beside the view; the table has all
 
 /** The panel of the chosen element or mismatch; empty when nothing is chosen. */
@@ -130,6 +131,19 @@ function showDisplaced(state, actions) {
   const left = displacedElements.length - rows.length;
   const more = left > 0 ? `And ${count(left)} more, in the table. ` : "";
   byId("displaced-words").textContent = more + data.words.north;
+}
+
+/** What is not in the model, and neither a wall nor a column: where it is, how large, and by how many points. */
+function showUnexplained() {
+  byId("unexplained").hidden = !report.unexplained.length;
+  byId("unexplained-words").textContent = data.words.unexplained;
+  const rows = report.unexplained.slice(0, MOST_THINGS).map((one) => {
+    const size = one.dimensions.map((edge) => edge.toFixed(2)).join(" x ");
+    const place = one.center.map((value) => value.toFixed(2)).join(", ");
+    return make("li", {}, `${size} m at ${place}, ${count(one.points)} points`);
+  });
+  const left = report.unexplained.length - rows.length;
+  byId("unexplained-list").replaceChildren(...rows, ...(left > 0 ? [make("li", {}, `and ${count(left)} more`)] : []));
 }
 
 /** What the colours of the view mean, for the colouring that is chosen. */

@@ -1,7 +1,7 @@
 // Joins it all: the state, the camera, the painter, the panels, and the hook window.jaxmm.
 
 const state = {
-  layers: { surface: true, prior: true, robot: true, boxes: true, arrows: true, frustum: true, ceiling: false },
+  layers: { surface: true, prior: true, robot: true, boxes: true, things: true, arrows: true, frustum: true, ceiling: false },
   mode: "probability",
   cut: data.frame.cut, // [m] above it nothing is drawn, unless the ceiling is
   hidden: new Set(), // scans
@@ -168,6 +168,7 @@ function refresh() {
   showChosen(state, actions);
   showMismatches(state, actions);
   showDisplaced(state, actions);
+  showUnexplained();
   showLegend(state);
   markRow(state.key);
   syncControls();
