@@ -54,7 +54,7 @@ def detect_scans(prior: Prior, scans: list[NamedScan], judges: Judges, settings:
     Raises:
         InputError: a scan does not fit; the line names its file.
     """
-    return detect_stations(prior, HeldStations(scans, judges, settings), settings)
+    return detect_stations(prior, HeldStations([{"scan": one} for one in scans], judges, settings), settings)
 
 
 def detect_stations(prior: Prior, stations: Stations, settings: DetectSettings) -> Detection:

@@ -67,8 +67,8 @@ class HeldStations:
 
     left_out: Sequence[str] = ()
 
-    def __init__(self, scans: list[NamedScan], judges: Judges, settings: DetectSettings):
-        self._shelves: list[Shelf] = [{"scan": one} for one in scans]
+    def __init__(self, shelves: list[Shelf], judges: Judges, settings: DetectSettings):
+        self._shelves = shelves
         self._judges, self._settings = judges, settings
 
     def each(self, step: Callable[..., Any], prior: Prior, *arguments: Any) -> list[Any]:
