@@ -1,4 +1,4 @@
-"""Words in, all else out. May import: root, formats, rays, learning, data, verdicts, ifc, reports, thesis, runs."""
+"""Words in, the rest out. May import: root, formats, learning, data, stations, verdicts, ifc, reports, thesis, runs."""
 
 import lazy_loader
 

@@ -23,6 +23,9 @@ FRAMES = (
 UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
 CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
 AS_BUILT = "also write as_built.ifc: the model with displaced elements where they were measured"
+ENGINE = "of several stations: local, the cores of this machine; ray, the cluster that RAY_ADDRESS names"
+WORKERS = "processes for several stations; default: one a core; how many changes nothing but the time"
+KEEP_GOING = "leave out scans that cannot be used, and say so; default: the first one ends the command"
 SETTINGS = (
     'any field of jaxmm/verdicts/settings.py, as TOML: classes = ["wall"], or of a table in it: objects.threshold = 0.4'
 )
@@ -62,6 +65,9 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
         "--up", choices=("y", "z"), help="axis of a mesh or cloud as prior; default: told by how it fits"
     )
     command.add_argument("--open-doors", action="store_true", help="leave the prior's doors out")
+    command.add_argument("--engine", choices=("local", "ray"), default="local", help=ENGINE)
+    command.add_argument("--workers", type=int, metavar="N", help=WORKERS)
+    command.add_argument("--keep-going", action="store_true", help=KEEP_GOING)
     command.add_argument("--clear-glass", action="store_true", help="let rays pass the glass of the prior's windows")
 
 
@@ -75,10 +81,12 @@ def detect(options: argparse.Namespace) -> None:
 
     check_folder(options.out, "--out")
     check_empty(options.out, "--out")
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers: expected at least 1, got {options.workers}")
     if not options.prior.is_file():
         found = "a folder" if options.prior.is_dir() else "nothing there"
         raise InputError(f"{options.prior}: expected a file, found {found}")
-    for scan in options.scans:
+    for scan in () if options.keep_going else options.scans:
         if not scan.exists():
             raise InputError(f"{scan}: expected a scan file, or a folder of depth images, found nothing there")
     poses = read_poses(options.pose) or None
@@ -97,7 +105,7 @@ def detect(options: argparse.Namespace) -> None:
     settings = load_settings(options.settings, **given)
     detection = detect_files.detect(
         options.prior, options.scans, poses,
-        reading=_reading(options, sensor), settings=settings, model=options.model or DEFAULT,
+        reading=_reading(options, sensor), settings=settings, model=options.model or DEFAULT, work=_work(options),
     )  # fmt: skip
     for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
         print(note)
@@ -105,6 +113,14 @@ def detect(options: argparse.Namespace) -> None:
     for line in (*said, *sentences_of(detection), detection.summary()):
         print(line)
     print(f"reports: {options.out}")
+
+
+def _work(options: argparse.Namespace):
+    """How to go about several stations: what is done of them stays beside --out until all is."""
+    from jaxmm.stations.work_folder import Work
+
+    out = options.out.resolve()
+    return Work(options.engine, options.workers, out.with_name(f".{out.name}.stations"), options.keep_going)
 
 
 def _sensor(asked: str | None):

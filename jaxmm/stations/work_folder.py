@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jaxmm import versions
 from jaxmm.data import local_engine, ray_engine
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError, Misfit
@@ -232,8 +231,7 @@ def _judges(model: Path) -> Judges:
 
 def _key(shared: Shared, reading: Reading) -> str:
     """What all that is in a work folder depends on."""
-    here = {name: value for name, value in versions.versions().items() if name not in ray_engine.OWN}
-    words = f"{sorted(here.items())}{shared.settings}{reading}{content_of(shared.model)}"
+    words = f"{sorted(ray_engine.ground().items())}{shared.settings}{reading}{content_of(shared.model)}"
     return hashlib.sha256(words.encode()).hexdigest()
 
 
