@@ -82,18 +82,34 @@ def _asked(direction: np.ndarray, met: Met) -> np.ndarray:
 
 def _lie_otherwise(direction: np.ndarray, met: Met, part: np.ndarray, near: np.ndarray) -> np.ndarray:
     """(n,) bool of the rays (n,) int with their neighbours (n, K) int."""
-    ends = direction[near].astype(np.float64) * met.distance[near, None].astype(np.float64)
-    own = direction[part].astype(np.float64) * met.distance[part, None].astype(np.float64)
-    offset = ends - own[:, None]
-    apart = np.linalg.norm(direction[near] - direction[part, None], axis=2)
-    spacing = np.quantile(apart, 0.5, axis=1) * met.distance[part]
     tolerance = ON + SIGMAS * met.sigma[part]
-    reach = np.maximum(AROUND, SPACINGS * spacing)
-    around = np.linalg.norm(offset, axis=2) <= reach[:, None]
-    beside = np.abs(np.einsum("nkc,nc->nk", offset, met.normal[part])) <= tolerance[:, None]
     faces = np.einsum("nkc,nc->nk", np.nan_to_num(met.normal[near]), met.normal[part])
     same = (met.element[near] == met.element[part, None]) & (np.abs(faces) >= ONE_FACE)
-    alike, others = (same & beside).sum(axis=1) - 1, same.sum(axis=1) - 1  # all but itself
+    others = same.sum(axis=1) - 1  # all but itself
+    offset = _offsets(direction, met, part, near)
+    beside = np.abs(np.einsum("nkc,nc->nk", offset, met.normal[part])) <= tolerance[:, None]
+    found = (same & beside).sum(axis=1) - 1 < MOST_ALIKE * others
+    # Most lie as they should: of the few others is asked how they lie.
+    found[found] = _lie_on_another(direction, met, (part[found], near[found]), offset[found], tolerance[found])
+    return found
+
+
+def _offsets(direction: np.ndarray, met: Met, part: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(n, K, 3) [m] from the ends of rays (n,) to those of their neighbours (n, K)."""
+    ends = direction[near].astype(np.float64) * met.distance[near, None].astype(np.float64)
+    own = direction[part].astype(np.float64) * met.distance[part, None].astype(np.float64)
+    return ends - own[:, None]
+
+
+def _lie_on_another(
+    direction: np.ndarray, met: Met, asked: tuple[np.ndarray, np.ndarray], offset: np.ndarray, tolerance: np.ndarray
+) -> np.ndarray:
+    """(n,) bool: rays whose neighbours' ends lie on a surface that is tilted against what they should meet."""
+    part, near = asked
+    apart = np.linalg.norm(direction[near] - direction[part, None], axis=2)
+    spacing = np.quantile(apart, 0.5, axis=1) * met.distance[part] if len(part) else np.zeros(0)
+    reach = np.maximum(AROUND, SPACINGS * spacing)
+    around = np.linalg.norm(offset, axis=2) <= reach[:, None]
     weight, count = around.astype(np.float64), around.sum(axis=1)
     middle = np.einsum("nk,nkc->nc", weight, offset) / count[:, None]
     centred = (offset - middle[:, None]) * weight[..., None]
@@ -104,4 +120,4 @@ def _lie_otherwise(direction: np.ndarray, met: Met, part: np.ndarray, near: np.n
     cosine = np.abs(np.einsum("nc,nc->n", normal, met.normal[part]))
     flat = (thick <= FLAT * width) & (width >= np.maximum(WIDE * met.sigma[part], LEAST_WIDTH * length))
     told = count >= LEAST_AROUND * NEIGHBOURS
-    return told & flat & on_it & (alike < MOST_ALIKE * others) & (cosine < TILTED)
+    return told & flat & on_it & (cosine < TILTED)

@@ -166,7 +166,7 @@ def test_errors_of_a_ray_task_come_back_as_they_are(cluster, monkeypatch):
         list(ray_engine.results(fail, [(0,)]))
     results = dict(ray_engine.results(square, ((number,) for number in range(20))))
     assert results == {(number,): number * number for number in range(20)}
-    monkeypatch.setattr(ray_engine, "_ground", lambda: {"code": "another"})
+    monkeypatch.setattr(ray_engine, "ground", lambda: {"code": "another"})
     with pytest.raises(InputError, match=r"machine .* has other code"):
         list(ray_engine.results(square, [(0,)]))
 
