@@ -186,13 +186,14 @@ class KeptStations:
 
 
 class _Loaded(Sequence[Any]):
-    """Something of each shelf, loaded at every look."""
+    """Something of each shelf, loaded when it is looked at; the last few are kept."""
 
     def __init__(self, shelves: list[WorkShelf], load: Callable[[Shelf], Any]):
-        self._shelves, self._load = shelves, load
+        self._shelves = shelves
+        self._loaded = functools.lru_cache(maxsize=FEW)(lambda number: load(shelves[number]))
 
     def __getitem__(self, number: int) -> Any:
-        return self._load(self._shelves[number])
+        return self._loaded(number)
 
     def __len__(self) -> int:
         return len(self._shelves)

@@ -140,8 +140,21 @@ def _all_fitted(prior: Prior, looked: Sequence[Looked], change: str, settings: D
     return [
         found._replace(told_by=_of_all(found.told_by, storey, len(looked)))
         for storey in storeys
-        for found in _fitted(prior, [looked[number] for number in storey], change, settings)
+        for found in _fitted(prior, _Some(looked, storey), change, settings)
     ]
+
+
+class _Some(Sequence[Looked]):
+    """Some scans of a sequence that may load each when it is asked for."""
+
+    def __init__(self, every: Sequence[Looked], chosen: list[int]):
+        self._every, self._chosen = every, chosen
+
+    def __getitem__(self, number: int) -> Looked:
+        return self._every[self._chosen[number]]
+
+    def __len__(self) -> int:
+        return len(self._chosen)
 
 
 def _of_all(rays: tuple[int, ...], storey: list[int], scans: int) -> tuple[int, ...]:
