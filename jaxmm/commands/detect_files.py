@@ -62,7 +62,7 @@ def detect(
     start = time.perf_counter()
     files = [Path(one) for one in ([scans] if isinstance(scans, str | os.PathLike) else scans)]
     given: list[AskedPose] = [poses] if isinstance(poses, GivenPose | str) else list(poses or ())
-    reading, settings, work = reading or Reading(), settings or DetectSettings(), work or Work(workers=1)
+    reading, settings, work = reading or Reading(), settings or DetectSettings(), (work or Work(workers=1)).check()
     judges = read_judges(Path(model))
     if reading.topic is not None and not any(map(is_bag, files)):
         raise InputError("--topic: expected a bag among the scans, got none")
@@ -75,7 +75,7 @@ def detect(
     loaded = time.perf_counter() - start
     sources = [one for one, _ in found]
     try:
-        if len(found) == 1:
+        if len(found) == 1 and work.engine == "local":
             shelves = [{"source": one} | ({} if scan is None else {"read": scan}) for one, scan in found]
             stations = HeldStations(shelves, judges, settings)
             stations.each(read_station, read, reading)

@@ -45,13 +45,17 @@ class Work(NamedTuple):
     keep_going: bool = False  # leaves out stations that cannot be used
 
     def check(self) -> "Work":
-        """Itself, if it can be done so.
+        """Itself, if it can be done so; of a cluster, connected to it.
 
         Raises:
-            InputError: less than one worker.
+            InputError: less than one worker, another engine, or no Ray.
         """
         if self.workers is not None and self.workers < 1:
             raise InputError(f"--workers: expected at least 1, got {self.workers}")
+        if self.engine not in ENGINES:
+            raise InputError(f"--engine: expected {' or '.join(ENGINES)}, got {self.engine!r}")
+        if self.engine == "ray":
+            ray_engine.connect(self.workers)
         return self
 
 
@@ -71,9 +75,8 @@ def kept_stations(
     It is removed when all is done, and where an error comes before any step is done; a killed process leaves it.
 
     Raises:
-        InputError: two equal stations; no Ray; the folder is another's, or another process is at work in it.
+        InputError: two equal stations; the folder is another's, or another process is at work in it.
     """
-    work.check()
     contents = {one.file: content_of(Path(one.file)) for one, _ in found}
     check_different([one for one, _ in found], contents)
     with _held(work.folder, _key(shared, reading)) as folder, _engine(work, len(found)) as results:
@@ -271,7 +274,6 @@ def _held(folder: Path | None, key: str) -> Iterator[Path]:
 def _engine(work: Work, stations: int) -> Iterator[Callable[..., Iterator[tuple]]]:
     """The engine's `results`, whose processes stay while this is open."""
     if work.engine == "ray":
-        ray_engine.connect(work.workers)
         yield functools.partial(ray_engine.results, workers=work.workers)
         return
     workers = work.workers or (core_count() if stations >= FEW else 1)

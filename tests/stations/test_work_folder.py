@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -159,5 +160,15 @@ def test_equal_stations_and_no_workers_are_refused_in_one_line(site, tmp_path):
     for scans in ([site.scans[0]] * 2, [site.scans[0], again]):
         with pytest.raises(InputError, match=r"^[^\n]*two equal ones from one pose[^\n]*$"):
             detect(site.model, scans, [site.poses[0]] * 2, settings=SETTINGS)
-    with pytest.raises(InputError, match="--workers: expected at least 1, got 0"):
-        detect(site.model, site.scans, site.poses, settings=SETTINGS, work=Work(workers=0))
+    for work, words in (
+        (Work(workers=0), "--workers: expected at least 1, got 0"),
+        (Work("slurm"), "--engine: expect"),
+    ):
+        with pytest.raises(InputError, match=words):
+            detect(site.model, site.scans, site.poses, settings=SETTINGS, work=work)
+
+
+def test_without_ray_its_engine_is_refused_before_anything_is_read(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(InputError, match=r"^--engine: ray needs the package ray[^\n]*$"):
+        detect(tmp_path / "none.ifc", [tmp_path / "none.ply"], work=Work("ray"))
