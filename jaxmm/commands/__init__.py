@@ -5,7 +5,7 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "detect_files": ["Reading", "detect", "write_all"],
+        "detect_files": ["detect", "write_all"],
         "scanning": ["scan"],
     },
 )
