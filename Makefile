@@ -80,6 +80,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.clients --out runs/clients.json
 ifneq ($(wildcard $(JAXMM_DATA)/ifc),)
 	$(BIN)/python -m benchmarks.buildings $(JAXMM_DATA)/ifc --out runs/buildings
+	$(BIN)/python -m benchmarks.stations $(JAXMM_DATA)/ifc/Schependomlaan_V_L_Constructief.ifc
 	$(BIN)/python -m benchmarks.progress $(JAXMM_DATA)/ifc --out runs/progress
 	$(BIN)/python -m benchmarks.outdoors $(JAXMM_DATA)/ifc --out runs/outdoors
 	$(BIN)/python -m benchmarks.classes $(JAXMM_DATA)/ifc --out runs/classes

@@ -32,7 +32,7 @@ SENSORS = tuple(
 )
 FULL = {"sensors": SENSORS, "changes": tuple(CHANGES), "repeat": 5}
 SMOKE = {"sensors": ("velodyne-16-real",), "changes": ("new",), "repeat": 1}
-STAGES = ("settling", "registration", "evidence", "objects", "next views")
+STAGES = ("registration", "evidence", "objects", "next views")
 
 
 def row_of(sensor: str, change: str, model: Path, repeat: int) -> dict[str, Any]:

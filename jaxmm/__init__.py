@@ -14,7 +14,7 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "commands.detect_files": ["Reading", "detect", "write_all"],
+        "commands.detect_files": ["detect", "write_all"],
         "commands.scanning": ["scan"],
         "data.generation": ["Request", "generate"],
         "data.simulator_settings": ["load_config"],
@@ -25,6 +25,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "inputs": ["InputError"],
         "runs.main_job": ["evaluate", "reproduce"],
         "runs.training_stage": ["train"],
+        "stations.named_files": ["Reading"],
+        "stations.work_folder": ["Work"],
         "verdicts.priors": ["read_prior"],
         "verdicts.results": ["Detection"],
         "verdicts.settings": ["DetectSettings"],

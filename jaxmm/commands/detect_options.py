@@ -37,6 +37,9 @@ DATE = (
     "files say (E57, LAS), or else when they were last changed"
 )
 BCF = "version of mismatches.bcf; 2.1 for tools that do not read 3.0, the default"
+ENGINE = "of several stations: local, the cores of this machine; ray, the cluster that RAY_ADDRESS names"
+WORKERS = "processes for several stations; default: one a core; how many changes nothing but the time"
+KEEP_GOING = "leave out scans that cannot be used, and say so; default: the first one ends the command"
 SETTINGS = (
     'any field of jaxmm/verdicts/settings.py, as TOML: classes = ["wall"], or of a table in it: objects.threshold = 0.4'
 )
@@ -79,6 +82,9 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
         "--up", choices=("y", "z"), help="axis of a mesh or cloud as prior; default: told by how it fits"
     )
     command.add_argument("--open-doors", action="store_true", help="leave the prior's doors out")
+    command.add_argument("--engine", choices=("local", "ray"), default="local", help=ENGINE)
+    command.add_argument("--workers", type=int, metavar="N", help=WORKERS)
+    command.add_argument("--keep-going", action="store_true", help=KEEP_GOING)
     command.add_argument("--clear-glass", action="store_true", help="let rays pass the glass of the prior's windows")
 
 
@@ -93,9 +99,11 @@ def detect(options: argparse.Namespace) -> None:
 
     check_folder(options.out, "--out")
     check_empty(options.out, "--out")
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers: expected at least 1, got {options.workers}")
     if not options.prior.exists():
         raise InputError(f"{options.prior}: expected a file or a folder of models, found nothing there")
-    for scan in options.scans:
+    for scan in () if options.keep_going else options.scans:
         if not scan.exists():
             raise InputError(f"{scan}: expected a scan file, or a folder of depth images, found nothing there")
     if options.date is not None:
@@ -130,6 +138,7 @@ def _detect(options: argparse.Namespace) -> None:
         detection = detect_files.detect(
             options.prior, options.scans, poses, also=options.also, reading=reading, settings=settings,
             model=options.model or DEFAULT, date=options.date,
+            work=_work(options),
         )  # fmt: skip
         for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
             print(note)
@@ -152,6 +161,14 @@ def _load_ahead(prior: Path) -> None:
         if prior.suffix.lower() == ".ifc":
             import_ifcopenshell()
         import openpyxl  # noqa: F401
+
+
+def _work(options: argparse.Namespace):
+    """How to go about several stations: what is done of them stays beside --out until all is."""
+    from jaxmm.stations.work_folder import Work
+
+    out = options.out.resolve()
+    return Work(options.engine, options.workers, out.with_name(f".{out.name}.stations"), options.keep_going)
 
 
 def _sensor(asked: str | None):

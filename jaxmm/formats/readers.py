@@ -53,7 +53,7 @@ class PointScan(NamedTuple):
     taken: str | None = None  # when, as of `dates`; None where the file does not say
 
 
-def read_scans(path: Path | str, topic: str | None = None) -> list[PointScan]:
+def read_scans(path: Path | str, topic: str | None = None, only: int | None = None) -> list[PointScan]:
     """All scans of a file, or of a folder of depth images; one, but for these, E57, PTX, PTS and bags.
 
     Scans without points beside others are left out, and the first one's remarks say so.
@@ -61,13 +61,14 @@ def read_scans(path: Path | str, topic: str | None = None) -> list[PointScan]:
     Args:
         path: of the file or folder.
         topic: of the clouds in a bag; None: the only one. Other files have none.
+        only: number of one of the scans in an E57 file; None: all.
 
     Raises:
         InputError: one line that names the file and what is wrong with it: missing, of an unknown ending, of another
             format than its ending says, truncated, without points, or without a library to read it.
     """
     path = Path(path)
-    reader = _reader(path, topic)
+    reader = _reader(path, topic) if only is None else functools.partial(read_e57, only=only)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")

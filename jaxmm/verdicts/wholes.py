@@ -4,37 +4,36 @@ Such are a stair of flights, a roof of slabs, a facade of plates and members. E 
 its parts that can be told of are; where one stands, something of it does.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from jaxmm.classes.selection import is_of
-from jaxmm.classes.telling_rays import Telling, telling_rays
+from jaxmm.classes.telling_rays import Telling
 from jaxmm.verdicts.behind_removed import gone_of
-from jaxmm.verdicts.mismatches import KINDS, Looked
-from jaxmm.verdicts.priors import Prior, known_of
+from jaxmm.verdicts.mismatches import KINDS
+from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import ElementVerdict
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, UNSCANNED, Verdict
 
+Ask = Callable[[np.ndarray, np.ndarray], list[Telling]]
 
-def telling_of(
-    prior: Prior, looked: list[Looked], verdicts: list[Verdict] | None, settings: DetectSettings
-) -> list[Telling]:
+
+def telling_of(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings, ask: Ask) -> list[Telling]:
     """What each scan tells of those who are asked for and are neither walls nor columns; nothing where nobody is.
 
     Args:
         prior: what should be there.
-        looked: each scan.
         verdicts: of all elements of a building, as the networks have them.
         settings: who is asked for.
+        ask: gives what each scan tells of some elements (E,) bool, without what is gone (E,) bool.
     """
     if verdicts is None or settings.preset == "thesis":
         return []
     table = prior.building.elements
     others = settings.asked(table) & ~np.isin(table.semantic, list(KINDS))
-    known, gone = known_of(prior), gone_of(prior.building, verdicts)
-    return [telling_rays(known, one.rays, others, gone) for one in looked] if others.any() else []
+    return ask(others, gone_of(prior.building, verdicts)) if others.any() else []
 
 
 def wholes_of(
