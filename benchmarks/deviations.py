@@ -22,10 +22,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from benchmarks import peers
-from benchmarks.building_views import building_places, scanned
 from benchmarks.command_line import CommandLine
 from benchmarks.poses import disturbed
 from benchmarks.timing import write_report
+from benchmarks.views.building_views import building_places, scanned
 from jaxmm.deviations.meetings import meetings_of
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import Judges, read_judges

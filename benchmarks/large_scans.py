@@ -17,8 +17,8 @@ import numpy as np
 
 from benchmarks.command_line import CommandLine
 from benchmarks.commands import measured
-from benchmarks.scan_writers import FORMATS, Blocks
 from benchmarks.timing import write_report
+from benchmarks.views.scan_writers import FORMATS, Blocks
 from warp_scanner.buildings.room_ifc import write_room
 from warp_scanner.rooms.pairs import PairConfig
 from warp_scanner.rooms.scenarios import Scenes, make_scenes

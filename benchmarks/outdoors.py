@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.building_views import asked_for, kept_views, scanned, tell_views
+from benchmarks.views.building_views import asked_for, kept_views, scanned, tell_views
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import Judges
 from jaxmm.verdicts.detection import detect_scans

@@ -20,10 +20,10 @@ import numpy as np
 import small_gicp
 from scipy.spatial.transform import Rotation
 
-from benchmarks.building_views import scanned
 from benchmarks.command_line import CommandLine
-from benchmarks.floor_plans import building_of_plans
 from benchmarks.timing import write_report
+from benchmarks.views.building_views import scanned
+from benchmarks.views.floor_plans import building_of_plans
 from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.verdicts.building_evidence import surfaces_along

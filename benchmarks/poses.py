@@ -19,10 +19,10 @@ import numpy as np
 import small_gicp
 from scipy.spatial.transform import Rotation
 
-from benchmarks.building_views import building_places, scanned
 from benchmarks.command_line import CommandLine
 from benchmarks.peers import has
 from benchmarks.timing import write_report
+from benchmarks.views.building_views import building_places, scanned
 from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.runs.room_scans import room_cases

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.building_views import asked_for, kept_views, scanned, tell_views
-from benchmarks.detection_scores import share_of
+from benchmarks.views.building_views import asked_for, kept_views, scanned, tell_views
+from benchmarks.views.detection_scores import share_of
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import Judges
 from jaxmm.rays.scan_rays import rays_of_scan

@@ -22,8 +22,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.command_line import CommandLine, end_without
-from benchmarks.drawn_models import Block, drawn, left_out, phantoms, with_openings, write_blocks
 from benchmarks.timing import write_report
+from benchmarks.views.drawn_models import Block, drawn, left_out, phantoms, with_openings, write_blocks
 from jaxmm.formats.readers import read_scans
 from warp_scanner.scenes.scenes import WALL
 

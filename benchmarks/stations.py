@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.building_views import building_places, made_building, scanned
 from benchmarks.command_line import CommandLine
 from benchmarks.timing import write_report
+from benchmarks.views.building_views import building_places, made_building, scanned
 from warp_scanner.scenes.scenes import PILLAR, WALL
 from warp_scanner.sensors.poses import rotation_of
 from warp_scanner.sensors.sensors import sensor_named

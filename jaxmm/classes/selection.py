@@ -39,6 +39,12 @@ def chosen(names: Sequence[str], elements: Elements) -> np.ndarray:
     return found | np.array([one in of_ifc for one in elements.ifc_class], bool)
 
 
+def is_chosen(names: Sequence[str], ifc_class: str, semantic: int) -> bool:
+    """Whether one element would be among those of `chosen`."""
+    ours = [CLASSES[name] for name in names if name in CLASSES]
+    return semantic in ours or is_of(names, ifc_class)
+
+
 def is_of(names: Sequence[str], ifc_class: str) -> bool:
     """Whether a class of IFC is one of some, or a kind of one; all others are asked for by what the scanner calls."""
     return ALL in names or any(ifc_class in _kinds(name) for name in names if name not in CLASSES)

@@ -10,5 +10,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "markdown": ["as_markdown"],
         "page": ["write_page"],
         "plain_files": ["write_plain"],
+        "report_json": ["to_json"],
     },
 )

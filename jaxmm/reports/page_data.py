@@ -14,6 +14,7 @@ import numpy as np
 from jaxmm.deviations.tolerances import DeviationSettings
 from jaxmm.reports.deviation_words import INTERVAL_WORDS, NORTH_WORDS, SIGN_WORDS, offset_in_words, place_in_words
 from jaxmm.reports.markdown import printable
+from jaxmm.reports.report_json import to_json
 from jaxmm.reports.verdict_words import (
     ASSUMED,
     ASSUMED_WORDS,
@@ -26,7 +27,7 @@ from jaxmm.reports.verdict_words import (
     UNEXPLAINED_WORDS,
     VERDICT_WORDS,
 )
-from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Key, to_json
+from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Key
 
 
 class Limits(NamedTuple):

@@ -19,8 +19,9 @@ from jaxmm.formats.cloud_files import write_ply
 from jaxmm.rays.evidence import BLOCKED, FRACTIONS, SUPPORT, THROUGH, UNSEEN
 from jaxmm.reports.deviation_words import displaced, measured, offset_in_words, place_in_words, span_of
 from jaxmm.reports.markdown import as_markdown, printable
+from jaxmm.reports.report_json import to_json
 from jaxmm.verdicts.mismatch_points import mismatch_points, signed_distances
-from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, to_json, told_probability
+from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, told_probability
 
 PLAIN_FILES = (
     "report.json", "report.md", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv", "unexplained.csv",

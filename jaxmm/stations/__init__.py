@@ -1,4 +1,6 @@
-"""Many scans in, what each says out. May import: root, formats, rays, learning, data, objects, deviations, verdicts."""
+"""Many scans in, what each says out. May import: root, formats, rays, learning, data, objects, deviations, classes,
+verdicts.
+"""
 
 import lazy_loader
 

@@ -7,7 +7,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "detection": ["NamedScan", "detect_scans"],
         "priors": ["Prior", "prior_of_building", "prior_of_cloud", "read_prior"],
-        "results": ["Detection", "Mismatch", "to_json"],
+        "results": ["Detection", "Mismatch"],
         "settings": ["DetectSettings", "load_settings"],
     },
 )

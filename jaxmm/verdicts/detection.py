@@ -215,7 +215,7 @@ def _elements(
         )
         for row in rows.tolist()
     }  # fmt: skip
-    return tuple(one for row in found for one in with_twins(found[row], prior.building, row, settings.semantics))
+    return tuple(one for row in found for one in with_twins(found[row], prior.building, row, settings.asks_for))
 
 
 def _with_boxes(prior: Prior, elements: tuple[ElementVerdict, ...]) -> tuple[ElementVerdict, ...]:

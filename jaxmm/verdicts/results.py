@@ -4,18 +4,16 @@ World frame of the prior: metres, z up. N points of all robot scans, M points of
 the prior, V vertices, T triangles.
 """
 
-import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxmm.classes.unexplained import Unexplained
-from jaxmm.deviations.deviation import PRIVATE, Deviation
+from jaxmm.deviations.deviation import Deviation
 from jaxmm.formats.dates import Taken
 from jaxmm.learning.boxes import Box, sentence
 from jaxmm.learning.element_boxes import UprightBox
-from jaxmm.rays.evidence import FRACTIONS
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, STANDS, VERDICTS
 from warp_scanner.scenes.building import Building, Source
 
@@ -195,9 +193,11 @@ def once(elements: Iterable[ElementVerdict]) -> Iterator[ElementVerdict]:
         seen.add(one.key)
 
 
-def with_twins(one: ElementVerdict, building: Building, row: int, semantics: Iterable[int]) -> Iterator[ElementVerdict]:
+def with_twins(
+    one: ElementVerdict, building: Building, row: int, asks_for: Callable[[str, int], bool]
+) -> Iterator[ElementVerdict]:
     """The verdict of an element of a building, by its row, and of the same in other files, if of classes asked for."""
-    twins = [twin for twin in building.elements.twins[row] if twin.semantic in semantics]
+    twins = [twin for twin in building.elements.twins[row] if asks_for(twin.ifc_class, twin.semantic)]
     keys = [one.key, *((twin.file, twin.guid) for twin in twins)]
     yield one._replace(same_as=tuple(keys[1:]))
     for number, twin in enumerate(twins, 1):
@@ -285,82 +285,7 @@ def box_of(mismatch: Mismatch) -> Box:
     )  # fmt: skip
 
 
-def to_json(detection: Detection) -> dict[str, Any]:
-    """The content of report.json; valid against report_schema.json. Numbers that are not finite become null."""
-    return {
-        "format": FORMAT,
-        "date": detection.date,
-        "mismatches": [_mismatch(one) for one in detection.mismatches],
-        "elements": [_element(one) for one in detection.elements],
-        "unexplained": [_plain(one._asdict()) for one in detection.unexplained],
-        "prior": _prior(detection.prior),
-        "scans": [_scan(one) for one in detection.scans],
-        "sentences": list(detection.sentences),
-        "registration": _plain(detection.registration),
-        "settings": _plain(detection.settings),
-        "timing": _plain({name: round(value, 4) for name, value in detection.timing.items()}),
-        "notes": list(detection.notes),
-    }
-
-
-def _mismatch(one: Mismatch) -> dict[str, Any]:
-    told = one._asdict() | {"probability": told_probability(one.probability)}
-    if one.type_probability is not None:
-        told["type_probability"] = told_probability(one.type_probability)
-    del told["told_by"], told["standing"], told["shaft"]
-    return _plain(told)
-
-
-def _element(one: ElementVerdict) -> dict[str, Any]:
-    evidence = {"points": one.points} | dict(zip(FRACTIONS, one.rays, strict=True))
-    told = one._asdict()
-    del told["points"], told["rays"]
-    told["same_as"] = [{"file": file, "guid": guid} for file, guid in one.same_as]
-    if one.deviation is not None:
-        deviation = one.deviation._asdict()
-        for private in PRIVATE:
-            del deviation[private]
-        told["deviation"] = deviation
-    if one.box is not None:
-        told["box"] = one.box._asdict()
-    return _plain(told | {"evidence": evidence, "probability": told_probability(one.probability)})
-
-
 def told_probability(value: float) -> float:
     """A probability to six digits; what is nearly sure, or nearly excluded, is not rounded to it. NaN stays NaN."""
     value = float(value)
     return min(max(round(value, 6), 1e-6), 1.0 - 1e-6) if 0.0 < value < 1.0 else value
-
-
-def _prior(one: PriorFile | None) -> dict[str, Any] | None:
-    """A unit as it is: a foot has more digits than a micrometre."""
-    if one is None:
-        return None
-    told = one._asdict()
-    del told["sources"]
-    files = [
-        {name: getattr(source, name) for name in ("file", "kind", "unit", "project", "elements")}
-        | {"to_world": source.to_world.tolist()}
-        for source in one.sources
-    ]
-    return told | {"files": files}
-
-
-def _scan(one: ScanRecord) -> dict[str, Any]:
-    taken = None if one.taken is None else one.taken._asdict()
-    return _plain(one._asdict() | {"doubted": one.doubted, "taken": taken})
-
-
-def _plain(value: Any) -> Any:
-    """NumPy and tuples to what JSON knows; micrometres are enough of any length."""
-    if isinstance(value, dict):
-        return {str(name): _plain(one) for name, one in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(one) for one in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return round(float(value), 6) if math.isfinite(value) else None
-    return value

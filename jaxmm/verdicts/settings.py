@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxmm.classes.selection import check_classes, chosen
+from jaxmm.classes.selection import check_classes, chosen, is_chosen
 from jaxmm.classes.unexplained import UnexplainedSettings
 from jaxmm.config import ConfigError, bounded, build, one_of
 from jaxmm.deviations.tolerances import DeviationSettings
@@ -48,6 +48,10 @@ class DetectSettings:
     def asked(self, elements: Elements) -> np.ndarray:
         """(E,) bool: the elements that get a verdict."""
         return chosen(self.classes, elements)
+
+    def asks_for(self, ifc_class: str, semantic: int) -> bool:
+        """Whether elements of a class of IFC, and of what the scanner calls it, get a verdict."""
+        return is_chosen(self.classes, ifc_class, semantic)
 
     def as_json(self) -> dict[str, Any]:
         """All that had a say, by name."""

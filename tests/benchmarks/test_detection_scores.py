@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.detection_scores import LEAST_SHOWN, objects_of, score, standing_at
+from benchmarks.views.detection_scores import LEAST_SHOWN, objects_of, score, standing_at
 from jaxmm.learning.boxes import Box
 from jaxmm.runs.room_scans import room_cases, true_boxes
 from jaxmm.verdicts.results import Mismatch

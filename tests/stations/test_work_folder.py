@@ -12,11 +12,11 @@ from jaxmm.commands.detect_files import detect
 from jaxmm.formats.poses import GivenPose
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import read_judges
+from jaxmm.reports.report_json import to_json
 from jaxmm.stations import work_folder
 from jaxmm.stations.work_folder import Work
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.priors import read_prior
-from jaxmm.verdicts.results import to_json
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT
 from tests.cases.box_building import scan_of, shell_of, table_of

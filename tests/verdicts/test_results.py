@@ -16,16 +16,8 @@ from jaxmm.formats.dates import Taken
 from jaxmm.learning.element_boxes import UprightBox
 from jaxmm.rays.evidence import FRACTIONS
 from jaxmm.reports.plain_files import elements_csv, mismatches_csv
-from jaxmm.verdicts.results import (
-    Detection,
-    Drawing,
-    ElementVerdict,
-    Mismatch,
-    PriorFile,
-    ScanRecord,
-    notes_on,
-    to_json,
-)
+from jaxmm.reports.report_json import to_json
+from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord, notes_on
 from jaxmm.verdicts.verdicts import VERDICTS
 from tests.cases.detections import true_case
 

@@ -12,7 +12,7 @@ from jaxmm.commands.detect_files import Reading, detect
 from jaxmm.files import write_json
 from jaxmm.formats.poses import parse_pose
 from jaxmm.ifc.tasks import read_tasks
-from jaxmm.verdicts.results import to_json
+from jaxmm.reports.report_json import to_json
 from jaxmm.weeks.history import follow
 from jaxmm.weeks.model import read_model, with_boxes
 from jaxmm.weeks.outlines import outlines_of
