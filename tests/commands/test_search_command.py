@@ -61,7 +61,8 @@ def test_what_cannot_be_searched_is_refused_before_the_prior_is_read(files, tmp_
 def test_one_word_counts_for_all_scans_and_each_may_have_its_own(files, tmp_path):
     """Once for two scans; and beside a pose that is given, also in a file."""
     settings = DetectSettings(propose_views=False)
-    scans = [files / "scan.npy"] * 2
+    scans = [files / "scan.npy", tmp_path / "again.npy"]
+    np.save(scans[1], np.load(scans[0])[1:])  # two equal ones would be refused
     found = detect(files / "room.ifc", scans, "search", settings=settings)
     assert [one.pose_source for one in found.scans] == ["searched", "searched"]
     (tmp_path / "poses.json").write_text('["search", {"position": [0.3, -0.4, 1.1], "yaw": 140, "pitch": -1}]')
