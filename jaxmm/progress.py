@@ -14,8 +14,8 @@ def progress(items: Iterable, label: str, total: int) -> Iterator:
             bar.update()
 
 
-def bar_of(label: str, total: int, unit: str, done: int = 0) -> tqdm:
-    """A progress bar with the time that remains; none where standard error is no terminal, but a line instead."""
-    if not sys.stderr.isatty():
+def bar_of(label: str, total: int, unit: str, done: int = 0, *, is_long: bool = True) -> tqdm:
+    """A progress bar with the time that remains; none where standard error is no terminal, but a line of long work."""
+    if is_long and not sys.stderr.isatty():
         print(label, file=sys.stderr)
     return tqdm(total=total, initial=done, desc=label, unit=unit, disable=None, dynamic_ncols=True, file=sys.stderr)

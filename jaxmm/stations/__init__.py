@@ -1,6 +1,4 @@
-"""Many scans in, what each says out. May import: root, formats, rays, learning, data, objects, deviations, classes,
-verdicts.
-"""
+"""Scans in, sums out. May import: root, formats, rays, learning, data, objects, deviations, classes, verdicts."""
 
 import lazy_loader
 

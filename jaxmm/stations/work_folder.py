@@ -88,7 +88,8 @@ def kept_stations(
                 shelf["read"] = scan
             rows.append(_Row(number, shelf.digest, shelf.files))
         found.clear()
-        with bar_of(f"detect from {len(rows)} stations", STEPS * len(rows), "step") as bar:
+        label, is_long = f"detect from {len(rows)} stations", len(rows) >= FEW
+        with bar_of(label, STEPS * len(rows), "step", is_long=is_long) as bar:
             yield KeptStations(folder, rows, (results, shared, work.keep_going, bar))
 
 
