@@ -29,13 +29,13 @@ import numpy as np
 
 from benchmarks.building_views import ifc_files, made_building
 from benchmarks.command_line import CommandLine
-from benchmarks.detection_scores import LEAST_SHOWN
 from benchmarks.lookalikes import lookalikes, sections_of, view_of
 from jaxmm.config import SCENARIOS
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
 from jaxmm.learning.box_match import match_boxes
 from jaxmm.learning.boxes import Box
+from jaxmm.learning.object_scores import LEAST_SHOWN
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.runs.room_scans import true_boxes

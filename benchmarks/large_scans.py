@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.command_line import CommandLine
-from benchmarks.scan_writers import FORMATS, Blocks
+from benchmarks.inputs.scan_writers import FORMATS, Blocks
 from benchmarks.timing import write_report
 from warp_scanner.buildings.room_ifc import write_room
 from warp_scanner.rooms.pairs import PairConfig

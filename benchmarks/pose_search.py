@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.building_views import scanned
 from benchmarks.command_line import CommandLine
-from benchmarks.floor_plans import building_of_plans
+from benchmarks.inputs.floor_plans import building_of_plans
 from benchmarks.timing import write_report
 from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan

@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks import peers
 from benchmarks.command_line import CommandLine
-from benchmarks.room_clouds import VOXEL, scanned_pairs
+from benchmarks.inputs.room_clouds import VOXEL, scanned_pairs
 from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.learning.preprocess import voxel_downsample
 from warp_scanner.clouds.voxels import thin_clouds

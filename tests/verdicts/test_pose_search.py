@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.floor_plans import building_of_plans
+from benchmarks.inputs.floor_plans import building_of_plans
 from jaxmm.formats.readers import PointScan
 from jaxmm.inputs import Misfit
 from jaxmm.verdicts.free_places import free_places

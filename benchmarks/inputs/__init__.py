@@ -1,0 +1,1 @@
+"""What benchmarks make to run on, where no file will do."""
