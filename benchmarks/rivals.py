@@ -88,7 +88,7 @@ def _rivals(case: RoomCase, names: list[str]) -> dict[str, np.ndarray]:
     seen = sight(case.prior, rays_of_scan(case.scan)).prior
     points, scan = seen.points.astype(np.float64), np.asarray(case.scan.points, np.float64)
     apart = np.minimum(nearest_distance(points, scan), FARTHEST)
-    along = _m3c2(points, scan) if "M3C2" in names else None
+    along = m3c2(points, scan) if "M3C2" in names else None
     count = len(case.ids)
     scores = {name: np.zeros(count) for name in names}
     for row in np.unique(seen.element):
@@ -100,7 +100,7 @@ def _rivals(case: RoomCase, names: list[str]) -> dict[str, np.ndarray]:
     return scores
 
 
-def _m3c2(points: np.ndarray, scan: np.ndarray) -> np.ndarray:
+def m3c2(points: np.ndarray, scan: np.ndarray) -> np.ndarray:
     """Absolute M3C2 distances (N,) [m] of the points to the scan."""
     import py4dgeo  # first by peers.has, where it began a log that is gone
 

@@ -1,4 +1,4 @@
-"""Words in, all else out. May import: root, formats, rays, learning, data, verdicts, ifc, reports, thesis, runs."""
+"""Words into calls. May import: root, formats, rays, learning, data, verdicts, ifc, reports, thesis, runs, exchange."""
 
 import lazy_loader
 

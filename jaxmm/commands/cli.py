@@ -1,7 +1,6 @@
 """The command line: parses, calls, prints. Errors are one line.
 
-2 says that the input is wrong, or that `scan`, `generate`, `detect` and `revert` have nowhere to write; 1 that the
-work failed.
+2 says that the input is wrong, or that a command of WRITERS has nowhere to write; 1 that the work failed.
 """
 
 import argparse
@@ -13,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
-from jaxmm.commands import detect_options
+from jaxmm.commands import benchmark_options, detect_options
 from jaxmm.config import CONDITIONS, SCENARIOS
 from jaxmm.files import check_writable
 from jaxmm.inputs import InputError
@@ -24,11 +23,13 @@ WRITERS = (
     "scan",
     "generate",
     "detect",
+    "benchmark",
     "revert",
 )  # commands for which a file that cannot be written is the user's to put right
 _AGAIN = "the same command again goes on"
 GOES_ON = {  # what to say of an interrupted command that keeps what it has done; others write all at their end
-    "reproduce": _AGAIN, "generate": _AGAIN, "evaluate": _AGAIN, "train": "the same command with --resume goes on",
+    "reproduce": _AGAIN, "generate": _AGAIN, "evaluate": _AGAIN, "benchmark": _AGAIN,
+    "train": "the same command with --resume goes on",
 }  # fmt: skip
 FEW_RETURNS = 0.05  # share of rays below which a scan is hardly one
 SCAN_SENSORS = (
@@ -168,6 +169,8 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--unit", type=float, default=1.0, metavar="METRES", help="length of the mesh file's unit")
 
     detect_options.add_detect(_command(commands, "detect", detect_options.detect, detect_options.EXAMPLE), POSE)
+    benchmark = _command(commands, "benchmark", benchmark_options.benchmark, benchmark_options.EXAMPLE)
+    benchmark_options.add_benchmark(benchmark)
     command = _command(commands, "revert", detect_options.revert, "jaxmm revert found/updated.ifc --out before.ifc")
     command.add_argument("updated", type=Path, metavar="UPDATED.ifc", help="of detect; its undo.json lies beside it")
     command.add_argument("--out", type=Path, required=True, metavar="FILE.ifc", help="the model as it was before")
@@ -182,6 +185,7 @@ ABOUT = {
     "thesis": "score the test pairs of the thesis's public repository",
     "scan": "scan a building from one place and write the scan",
     "detect": "compare robot scans with a building model: what was added, what removed, what could not be seen",
+    "benchmark": "write scenes that any method can be run on, and score what it says",
     "revert": "undo what detect changed in an IFC file",
 }
 

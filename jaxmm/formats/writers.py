@@ -16,6 +16,7 @@ from jaxmm.files import write_arrays, write_atomically, write_text
 from jaxmm.inputs import CSV_COLUMNS, InputError, one_line
 
 PCD_SINGLE = 4096.0  # [m] coordinates that single precision holds to a quarter of a millimetre
+_PLY_KINDS = {"<f8": "double", "<f4": "float", "<i4": "int", "|u1": "uchar"}
 E57_EXTENSION = "urn:jaxmm:e57:element"  # names what jaxmm: stands for in an E57 file
 
 
@@ -93,8 +94,12 @@ def _write_ply(path: Path, scan: SensorScan) -> None:
         table[name] = points[:, axis]
     for name in ("element", "semantic", "intensity"):
         table[name] = getattr(scan, name)[hit]
-    kinds = {"<f8": "double", "<i4": "int", "u1": "uchar", "<f4": "float"}
-    properties = "".join(f"property {kinds[kind]} {name}\n" for name, kind in fields)
+    write_ply_table(path, table)
+
+
+def write_ply_table(path: Path, table: np.ndarray) -> None:
+    """Write a structured array (N,) as the vertices of a binary PLY file: fields of <f8, <f4, <i4 and u1."""
+    properties = "".join(f"property {_PLY_KINDS[kind.str]} {name}\n" for name, (kind, _) in table.dtype.fields.items())
     header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(table)}\n{properties}end_header\n"
     write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))
 
