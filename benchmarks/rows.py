@@ -38,13 +38,14 @@ from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.rays.evidence import SUPPORT, THROUGH, View, features_of
 from jaxmm.rays.rule import rule_scores
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
-from jaxmm.verdicts.building_evidence import sight
+from jaxmm.verdicts.building_evidence import VOXEL, sight
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import Prior, read_prior
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import OCCLUDED, UNSCANNED, VerdictSettings, is_enough
 from jaxmm.weights import DEFAULT
+from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.cores import worker_pool
 from warp_scanner.sensors.sensors import sensor_named
 from warp_scanner.sensors.triangles import clearance
@@ -170,12 +171,18 @@ def _by_distance(scene: SceneFiles, prior: Prior, method: str) -> dict[str, np.n
         new = clearance(prior.scene, scan.astype(np.float32), FARTHEST)
         gone = np.minimum(cKDTree(scan).query(reference)[0], FARTHEST)
     else:
-        new, gone = m3c2(scan, reference), m3c2(reference, scan)
+        new, gone = _m3c2_at_all(scan, reference), _m3c2_at_all(reference, scan)
     rows = [scene.element == row for row in range(len(scene.about["elements"]))]
     return {
         "scan": new, "reference": gone,
         "elements": np.array([np.median(gone[own]) if own.any() else np.nan for own in rows]),
     }  # fmt: skip
+
+
+def _m3c2_at_all(points: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """M3C2 distances (N,) [m], measured at one core point a voxel, as its authors advise; others take the nearest."""
+    cores = points[thin_clouds([points.astype(np.float32)], VOXEL)[0]]
+    return _nearest(points, cores, m3c2(cores, other))
 
 
 def _as_probabilities(method: str, scenes: Path, split: str, out: Path) -> Path:

@@ -196,5 +196,10 @@ def test_the_help_names_every_element_class():
     assert f"of {','.join(CLASSES)};" in re.sub(r"\s+", " ", _parsers()["detect"].format_help())
 
 
-def _parsers():
-    return _parser()._subparsers._group_actions[0].choices
+def _parsers(parser=None):
+    """Every command by name; the steps of a command by theirs."""
+    found = {}
+    for action in (parser or _parser())._subparsers._group_actions:
+        for name, own in action.choices.items():
+            found |= {name: own} | (_parsers(own) if own._subparsers else {})
+    return found

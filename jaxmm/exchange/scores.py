@@ -16,7 +16,7 @@ from jaxmm.exchange.scene_files import read_about, read_truth, scene_names
 from jaxmm.exchange.scenes import SAME, UNOBSERVABLE, Truth
 from jaxmm.exchange.tasks import TEST
 from jaxmm.inputs import InputError
-from jaxmm.learning.calibration import RELIABILITY_BINS, Reliability, brier, calibration_error, reliability
+from jaxmm.learning.calibration import Reliability, brier, calibration_error, reliability
 from jaxmm.learning.metrics import point_metrics
 
 RESAMPLES = 1000
@@ -68,25 +68,30 @@ def score(folder: Path, predictions: Path, split: str = TEST, truth: Path | None
     return score_scenes(dict(zip(names, scenes, strict=True)), split, predictions)
 
 
-def score_scenes(scenes: dict[str, Scored], split: str, where: Path | str) -> dict[str, Any]:
+def score_scenes(
+    scenes: dict[str, Scored], split: str, where: Path | str, resamples: int = RESAMPLES
+) -> dict[str, Any]:
     """The same of scenes that are at hand, by name; `where` they are from is told in errors."""
     told: dict[str, Any] = {"split": split, "scenes": len(scenes), "rows": [], "calibration": {}, "risk_coverage": []}
     whole = _evened(scenes, where)
+    sums = _reliability_by_scene(whole)
     for difficulty, hurdles in DIFFICULTIES.items():
-        part = [one for one in whole if int(one.truth.hurdles) in hurdles]
-        if not part:
+        own = [number for number, one in enumerate(whole) if int(one.truth.hurdles) in hurdles]
+        if not own:
             continue
-        for title, metrics in _parts(part).items():
+        part = [whole[number] for number in own]
+        own_sums = {title: Reliability(*(field[own] for field in one)) for title, one in sums.items()}
+        for title, metrics in _parts(part, own_sums).items():
             for metric, (statistic, count) in metrics.items():
-                value, interval = estimate(statistic, len(part))
+                value, interval = estimate(statistic, len(part), resamples)
                 told["rows"].append(
                     {"part": title, "difficulty": difficulty, "metric": metric, "value": value, "interval": interval,
                      "count": count, "scenes": len(part)}
                 )  # fmt: skip
-    for title, sums in _reliabilities(whole).items():
+    for title, one in sums.items():
         told["calibration"][title] = [
             {"probability": float(expected / count), "frequency": float(found / count), "count": int(count)}
-            for count, expected, found in zip(*sums[:3], strict=True) if count
+            for count, expected, found in zip(*_weighted(one, np.ones(len(whole)))[:3], strict=True) if count
         ]  # fmt: skip
     if whole[0].said.elements is not None:
         told["risk_coverage"] = risk_coverage(_elements(whole), np.ones(len(whole)))
@@ -126,8 +131,8 @@ def _evened(scenes: dict[str, Scored], where: Path | str) -> list[Scored]:
     return even
 
 
-def _parts(scenes: list[Scored]) -> dict[str, dict[str, tuple[Statistic, int]]]:
-    """By part and name of the metric: the statistic, and of how many things it is."""
+def _parts(scenes: list[Scored], sums: dict[str, Reliability]) -> dict[str, dict[str, tuple[Statistic, int]]]:
+    """By part and name of the metric: the statistic, and of how many things it is; `sums` are of every scene."""
     parts = {}
     for side, title in SIDES.items():
         if getattr(scenes[0].said, side) is not None:
@@ -136,12 +141,11 @@ def _parts(scenes: list[Scored]) -> dict[str, dict[str, tuple[Statistic, int]]]:
         parts["elements"] = _of_elements(_elements(scenes))
     if scenes[0].said.objects is not None:
         parts["objects"] = _of_objects(objects_found([(one.truth.objects, one.said.objects) for one in scenes]))
-    if (sums := _reliability_by_scene(scenes)) is not None:
-        for title, one in sums.items():
-            parts[title] |= {
-                "ece": (lambda weight, one=one: calibration_error(_weighted(one, weight)), int(one.count.sum())),
-                "brier": (lambda weight, one=one: brier(_weighted(one, weight)), int(one.count.sum())),
-            }
+    for title, one in sums.items():
+        parts[title] |= {
+            "ece": (lambda weight, one=one: calibration_error(_weighted(one, weight)), int(one.count.sum())),
+            "brier": (lambda weight, one=one: brier(_weighted(one, weight)), int(one.count.sum())),
+        }
     return parts
 
 
@@ -261,13 +265,12 @@ def _of_objects(found: Found) -> dict[str, tuple[Statistic, int]]:
     }
 
 
-def _reliability_by_scene(scenes: list[Scored]) -> dict[str, Reliability] | None:
+def _reliability_by_scene(scenes: list[Scored]) -> dict[str, Reliability]:
     """By part, sums of every scene: fields (S, BINS), and (S,); only of what is a probability throughout."""
     parts = {}
     for column, title in (*SIDES.items(), (ELEMENTS, ELEMENTS)):
         said = [getattr(one.said, column) for one in scenes]
-        if said[0] is None or any(len(one) and not 0.0 <= np.nanmin(one, initial=0.0) <= np.nanmax(one, initial=0.0)
-                                  <= 1.0 for one in said):  # fmt: skip
+        if said[0] is None or not all(map(_are_probabilities, said)):
             continue
         sums = []
         for one, probability in zip(scenes, said, strict=True):
@@ -275,15 +278,13 @@ def _reliability_by_scene(scenes: list[Scored]) -> dict[str, Reliability] | None
             counts = (label != UNOBSERVABLE) & ~np.isnan(probability)
             sums.append(reliability(probability[counts], label[counts] != SAME))
         parts[title] = Reliability(*(np.stack(field) for field in zip(*sums, strict=True)))
-    return parts or None
+    return parts
 
 
 def _weighted(sums: Reliability, weight: np.ndarray) -> Reliability:
     return Reliability(*(weight @ field for field in sums))
 
 
-def _reliabilities(scenes: list[Scored]) -> dict[str, Reliability]:
-    ones = np.ones(len(scenes))
-    found = {title: _weighted(sums, ones) for title, sums in (_reliability_by_scene(scenes) or {}).items()}
-    assert all(len(sums.count) == RELIABILITY_BINS for sums in found.values())
-    return found
+def _are_probabilities(values: np.ndarray) -> bool:
+    told = values[~np.isnan(values)]
+    return bool(np.all((told >= 0.0) & (told <= 1.0)))

@@ -17,7 +17,7 @@ WRITES = {
     "detections": FOLDER, "deviations": JSON, "growth": JSON, "large_scans": JSON, "latency": JSON, "matrix": JSON,
     "mirrors": JSON, "neighbours": JSON, "objects": FOLDER, "outdoors": FOLDER, "pairs": JSON, "peak": NOTHING,
     "pillars": FILE, "pose_search": JSON, "poses": JSON, "progress": FOLDER, "rays": JSON, "released": JSON,
-    "rivals": FILE, "rooms": JSON, "sensors": FOLDER, "train": JSON, "triangles": JSON, "unchanged": JSON,
+    "rivals": FILE, "rooms": JSON, "rows": FOLDER, "sensors": FOLDER, "train": JSON, "triangles": JSON, "unchanged": JSON,
     "voxels": JSON,
 }  # fmt: skip
 NEEDS_FILES = {"released"}  # which no smoke run can make
