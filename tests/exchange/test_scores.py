@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from sklearn.metrics import roc_auc_score
 
+from jaxmm.exchange import scores
 from jaxmm.exchange.object_scores import average_precision, objects_found
 from jaxmm.exchange.predictions import Prediction
 from jaxmm.exchange.scenes import Truth
 from jaxmm.exchange.score_table import markdown
-from jaxmm.exchange.scores import Elements, Scored, _auc, _aurc, estimate, risk_coverage, score_scenes
+from jaxmm.exchange.scores import Elements, Scored, _auc, _aurc, estimate, risk_coverage
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import Box
 
