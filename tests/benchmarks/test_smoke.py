@@ -14,7 +14,8 @@ JSON, FOLDER, FILE, NOTHING = "--json file", "--out folder", "--out file", "noth
 # What each benchmark writes.
 WRITES = {
     "ablation": FOLDER, "accuracy": FOLDER, "buildings": FOLDER, "clouds": FOLDER, "detect": JSON,
-    "detections": FOLDER, "deviations": JSON, "growth": JSON, "large_scans": JSON, "latency": JSON, "matrix": JSON,
+    "detections": FOLDER, "deviations": JSON, "dynamic_maps": FILE, "growth": JSON,
+    "large_scans": JSON, "latency": JSON, "matrix": JSON,
     "mirrors": JSON, "neighbours": JSON, "objects": FOLDER, "outdoors": FOLDER, "pairs": JSON, "peak": NOTHING,
     "pillars": FILE, "pose_search": JSON, "poses": JSON, "progress": FOLDER, "rays": JSON, "released": JSON,
     "rivals": FILE, "rooms": JSON, "rows": FOLDER, "sensors": FOLDER, "train": JSON, "triangles": JSON,
