@@ -58,7 +58,8 @@ DETECT = DetectSettings(propose_views=False, least_probability=0.05)
 SHOWN = (  # part, metric, title
     ("points added", "roc_auc", "new points: ROC AUC"), ("points added", "fpr_at_95", "FPR at 95 %"),
     ("points removed", "roc_auc", "gone points: ROC AUC"), ("points removed", "fpr_at_95", "FPR at 95 %"),
-    ("elements", "precision", "elements: precision"), ("elements", "recall", "recall"), ("elements", "aurc", "AURC"),
+    ("elements", "coverage", "elements: coverage"), ("elements", "precision", "precision"),
+    ("elements", "recall", "recall"), ("elements", "aurc", "AURC"),
     ("elements", "ece", "ECE"), ("elements", "unobservable_called_removed", "unobservable, called removed"),
     ("objects", "precision", "objects: precision"), ("objects", "recall", "recall"), ("objects", "ap", "AP"),
 )  # fmt: skip
