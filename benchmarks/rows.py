@@ -10,9 +10,13 @@ what others are given, and writes predictions as others do, to --out/METHOD; wha
   through, and nothing is said where too few tell; finds no objects;
 - *C2M*: distance of every point to the model's surface, of the model's points to the scan; of an element the median;
 - *M3C2* (Lague et al. 2013, by py4dgeo, make setup-peers): the same along the normal, cylinders of 0.2 m, of an element
-  the median; no point in a cylinder counts as the farthest.
+  the median; no point in a cylinder counts as the farthest;
+- *coverage*: elements only, by a limit that is set beforehand, as tools for construction sites call them installed or
+  not: at least half of its points have the scan within 0.05 m, which is to say that their median distance is within
+  it. One without a point in view is not told of.
 
-The distance at which C2M and M3C2 call an element gone is the one of the best F1 on the validation split. Prints
+The distances at which C2M and M3C2 call a point new or gone, and an element gone, are those of the best F1 on the
+validation split. Prints
 Markdown.
 """
 
@@ -26,7 +30,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks import peers
 from benchmarks.command_line import CommandLine
-from benchmarks.rivals import FARTHEST, m3c2
+from benchmarks.rivals import FARTHEST, gap_of, m3c2
 from jaxmm.exchange.export import Request, export, truth_path
 from jaxmm.exchange.scene_files import SceneFiles, read_scene, read_truth, scene_names
 from jaxmm.exchange.scenes import LABELS, SAME, UNOBSERVABLE
@@ -50,16 +54,18 @@ from warp_scanner.cores import worker_pool
 from warp_scanner.sensors.sensors import sensor_named
 from warp_scanner.sensors.triangles import clearance
 
-METHODS = ("detect", "rule", "C2M", "M3C2")
+MOST_LEVELS = 1000  # thresholds that are tried
+METHODS = ("detect", "rule", "C2M", "M3C2", "coverage")
 DISTANCES = ("C2M", "M3C2")
-FULL = {"count": 200, "split": TEST}
+FULL = {"count": 400, "split": TEST}
 SMOKE = {"count": 5, "split": TEST}
 DETECT = DetectSettings(propose_views=False, least_probability=0.05)
 SHOWN = (  # part, metric, title
     ("points added", "roc_auc", "new points: ROC AUC"), ("points added", "fpr_at_95", "FPR at 95 %"),
     ("points removed", "roc_auc", "gone points: ROC AUC"), ("points removed", "fpr_at_95", "FPR at 95 %"),
-    ("elements", "coverage", "elements: coverage"), ("elements", "precision", "precision"),
-    ("elements", "recall", "recall"), ("elements", "aurc", "AURC"),
+    ("points by class", "iou_positive", "IoU positive"), ("points by class", "iou_negative", "IoU negative"),
+    ("points by class", "miou", "mean IoU"), ("elements", "coverage", "elements: coverage"),
+    ("elements", "precision", "precision"), ("elements", "recall", "recall"), ("elements", "aurc", "AURC"),
     ("elements", "ece", "ECE"), ("elements", "unobservable_called_removed", "unobservable, called removed"),
     ("objects", "precision", "objects: precision"), ("objects", "recall", "recall"), ("objects", "ap", "AP"),
 )  # fmt: skip
@@ -101,6 +107,8 @@ def predict(method: str, scene: SceneFiles) -> dict[str, np.ndarray]:
     prior = read_once(scene.model)
     if method == "detect":
         return _detected(scene, prior)
+    if method == "coverage":
+        return {"elements": _by_coverage(scene)}
     return _by_rule(scene, prior) if method == "rule" else _by_distance(scene, prior, method)
 
 
@@ -180,6 +188,12 @@ def _by_distance(scene: SceneFiles, prior: Prior, method: str) -> dict[str, np.n
     }  # fmt: skip
 
 
+def _by_coverage(scene: SceneFiles) -> np.ndarray:
+    apart = np.minimum(cKDTree(scene.scan).query(scene.reference)[0], FARTHEST)
+    rows = [apart[scene.element == row] for row in range(len(scene.about["elements"]))]
+    return np.array([gap_of(own) if len(own) else np.nan for own in rows])
+
+
 def _m3c2_at_all(points: np.ndarray, other: np.ndarray) -> np.ndarray:
     """M3C2 distances (N,) [m], measured at one core point a voxel, as its authors advise; others take the nearest."""
     cores = points[thin_clouds([points.astype(np.float32)], VOXEL)[0]]
@@ -187,27 +201,31 @@ def _m3c2_at_all(points: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _as_probabilities(method: str, scenes: Path, split: str, out: Path) -> Path:
-    """Distances of elements as d / (d + threshold), so that the threshold is one half."""
+    """Distances d as d / (d + threshold), so that the threshold is one half, one for each column."""
     names = scene_names(scenes, VALIDATION)
     truth = read_truth(scenes, VALIDATION, names, Path())
-    label = np.concatenate([truth[name].elements for name in names])
-    apart = np.concatenate([load_arrays(out / VALIDATION / f"{name}.npz")["elements"] for name in names])
-    known = (label != UNOBSERVABLE) & ~np.isnan(apart)
-    threshold = best_threshold(apart[known], label[known] != SAME)
+    threshold = {}
+    for column in ("scan", "reference", "elements"):
+        label = np.concatenate([getattr(truth[name], column) for name in names])
+        apart = np.concatenate([load_arrays(out / VALIDATION / f"{name}.npz")[column] for name in names])
+        known = np.flatnonzero((label != UNOBSERVABLE) & ~np.isnan(apart))
+        threshold[column] = best_threshold(apart[known], label[known] != SAME)
     place = out / f"{split}-probabilities"
     for name in scene_names(scenes, split):
         said = load_arrays(out / split / f"{name}.npz")
-        write_arrays(place / f"{name}.npz", said | {"elements": said["elements"] / (said["elements"] + threshold)})
+        write_arrays(place / f"{name}.npz", {key: value / (value + threshold[key]) for key, value in said.items()})
     return place
 
 
 def best_threshold(score: np.ndarray, gone: np.ndarray) -> float:
-    """The threshold above 0 of the best F1."""
+    """The threshold above 0 of the best F1; as good as the best where there are many scores."""
     levels = np.unique(score[score > 0.0])
     if not len(levels):
         return FARTHEST
-    f1 = [2.0 * np.sum((score >= level) & gone) / max(1, np.sum(score >= level) + gone.sum()) for level in levels]
-    return float(levels[int(np.argmax(f1))])
+    levels = levels[:: max(1, len(levels) // MOST_LEVELS)]
+    of_gone, of_all = np.sort(score[gone]), np.sort(score)
+    right, called = (len(one) - np.searchsorted(one, levels) for one in (of_gone, of_all))
+    return float(levels[int(np.argmax(2.0 * right / np.maximum(called + gone.sum(), 1)))])
 
 
 def table(told: dict[str, dict[str, Any]]) -> str:

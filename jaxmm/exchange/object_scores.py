@@ -18,7 +18,8 @@ class Found(NamedTuple):
 
     counts: np.ndarray  # (S, 5) of boxes from CALLED on: right, all, where hardly anything shows; true: wanted, found
     wanted: np.ndarray  # (S,) true objects that show enough
-    scene: np.ndarray  # (D,) int of all boxes, by falling probability
+    probability: np.ndarray  # (D,) of all boxes, falling
+    scene: np.ndarray  # (D,) int
     kind: np.ndarray  # (D,) int: RIGHT, WRONG, or NEITHER where an object stands that shows too little
 
 
@@ -39,7 +40,7 @@ def objects_found(scenes: list[tuple[np.ndarray, list[tuple[str, Box]]]]) -> Fou
             rows += [(-box.probability, number, kind) for box, kind in zip(boxes, kinds, strict=True)]
     rows.sort()
     table = np.array(rows, np.float64).reshape(-1, 3)
-    return Found(counts, counts[:, 3], table[:, 1].astype(int), table[:, 2].astype(int))
+    return Found(counts, counts[:, 3], -table[:, 0], table[:, 1].astype(int), table[:, 2].astype(int))
 
 
 def _true(objects: np.ndarray, change: str) -> tuple[list[Box], list[float]]:
@@ -83,3 +84,14 @@ def average_precision(found: Found, weight: np.ndarray) -> float:
         precision = np.nan_to_num(right / (right + wrong))
     precision = np.maximum.accumulate(precision[::-1])[::-1]
     return float(np.diff(right / total, prepend=0.0) @ precision)
+
+
+def precision_recall(found: Found) -> list[dict[str, float]]:
+    """Precision and recall of the boxes from a probability on, for every probability that a box has."""
+    right, wrong = np.cumsum(found.kind == RIGHT), np.cumsum(found.kind == WRONG)
+    last = np.flatnonzero(np.diff(found.probability, append=-1.0))  # of those of one probability
+    total = float(found.wanted.sum())
+    return [
+        {"probability": float(found.probability[at]), "precision": float(right[at] / (right[at] + wrong[at])),
+         "recall": float(right[at] / total)} for at in last if total and right[at] + wrong[at]
+    ]  # fmt: skip

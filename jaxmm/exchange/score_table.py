@@ -6,6 +6,7 @@ NAMES = {
     "roc_auc": "ROC AUC", "fpr_at_95": "FPR at 95 % recall", "iou_at_95": "IoU at 95 % recall", "ece": "ECE",
     "brier": "Brier", "precision": "precision", "recall": "recall", "coverage": "coverage", "risk": "risk",
     "aurc": "AURC", "unobservable_called_removed": "unobservable, called removed", "ap": "AP",
+    "iou_positive": "IoU positive", "iou_negative": "IoU negative", "iou_static": "IoU static", "miou": "mean IoU",
 }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxmm.exchange.object_scores import Found, average_precision, objects_found
+from jaxmm.exchange.object_scores import Found, average_precision, objects_found, precision_recall
 from jaxmm.exchange.predictions import ELEMENTS, OBJECTS, POINTS, Prediction, read_prediction
 from jaxmm.exchange.scene_files import read_about, read_truth, scene_names
 from jaxmm.exchange.scenes import SAME, UNOBSERVABLE, Truth
@@ -24,6 +24,7 @@ LEAST_POSITIVES = 20  # points of a scene that show a change, for it to be ranke
 CALLED = 0.5  # probability from which an element counts as called removed, and a box as found
 DIFFICULTIES = {"all": (0, 1, 2, 3), "easy": (0,), "medium": (1,), "hard": (2, 3)}  # numbers of hurdles
 SIDES = {"scan": "points added", "reference": "points removed"}
+CLASSES = "points by class"
 COVERAGES = (0.5, 0.8, 0.9, 0.95, 1.0)
 RANKS = ("roc_auc", "fpr_at_95", "iou_at_95")
 
@@ -48,7 +49,7 @@ def score(folder: Path, predictions: Path, split: str = TEST, truth: Path | None
 
     Returns:
         {"split", "scenes", "rows": [{"part", "difficulty", "metric", "value", "interval", "count"}], "calibration",
-        "risk_coverage"}, as JSON has it.
+        "risk_coverage", "precision_recall"}, as JSON has it.
 
     Raises:
         InputError: scenes or truth are missing or damaged; a prediction is missing or ill-formed.
@@ -72,7 +73,8 @@ def score_scenes(
     scenes: dict[str, Scored], split: str, where: Path | str, resamples: int = RESAMPLES
 ) -> dict[str, Any]:
     """The same of scenes that are at hand, by name; `where` they are from is told in errors."""
-    told: dict[str, Any] = {"split": split, "scenes": len(scenes), "rows": [], "calibration": {}, "risk_coverage": []}
+    told: dict[str, Any] = {"split": split, "scenes": len(scenes), "rows": [], "calibration": {}, "risk_coverage": [],
+                            "precision_recall": []}  # fmt: skip
     whole = _evened(scenes, where)
     sums = _reliability_by_scene(whole)
     for difficulty, hurdles in DIFFICULTIES.items():
@@ -88,6 +90,9 @@ def score_scenes(
                     {"part": title, "difficulty": difficulty, "metric": metric, "value": value, "interval": interval,
                      "count": count, "scenes": len(part)}
                 )  # fmt: skip
+    if whole[0].said.objects is not None:
+        found = objects_found([(one.truth.objects, one.said.objects) for one in whole])
+        told["precision_recall"] = precision_recall(found)
     for title, one in sums.items():
         told["calibration"][title] = [
             {"probability": float(expected / count), "frequency": float(found / count), "count": int(count)}
@@ -139,6 +144,8 @@ def _parts(scenes: list[Scored], sums: dict[str, Reliability]) -> dict[str, dict
             parts[title] = _ranking(scenes, side)
     if scenes[0].said.elements is not None:
         parts["elements"] = _of_elements(_elements(scenes))
+    if all(title in sums for title in SIDES.values()):
+        parts[CLASSES] = _of_classes(scenes)
     if scenes[0].said.objects is not None:
         parts["objects"] = _of_objects(objects_found([(one.truth.objects, one.said.objects) for one in scenes]))
     for title, one in sums.items():
@@ -161,6 +168,32 @@ def _ranking(scenes: list[Scored], side: str) -> dict[str, tuple[Statistic, int]
     table = np.array(rows, np.float64)
     return {metric: (_mean_of(table[:, column]), int(np.isfinite(table[:, column]).sum()))
             for column, metric in enumerate(RANKS)}  # fmt: skip
+
+
+def _of_classes(scenes: list[Scored]) -> dict[str, tuple[Statistic, int]]:
+    """Intersection over union of what is new (positive), gone (negative) and neither (static), of probabilities from
+    CALLED on, of both scans together, and the mean of the three, as maps are compared that change."""
+    counts = np.zeros((len(scenes), 3, 2))  # class, and points in both or in either
+    for row, one in enumerate(scenes):
+        static = np.zeros(2)
+        for at, column in ((0, "scan"), (1, "reference")):
+            label = getattr(one.truth, column)
+            known = label != UNOBSERVABLE
+            true, said = label[known] != SAME, getattr(one.said, column)[known] >= CALLED
+            counts[row, at] = np.sum(true & said), np.sum(true | said)
+            static += np.sum(~true & ~said), np.sum(~true | ~said)
+        counts[row, 2] = static
+
+    def iou(weight: np.ndarray, which: int) -> float:
+        both, either = np.tensordot(weight, counts[:, which], 1)
+        return _ratio(both, either)
+
+    held = counts[..., 1].sum(axis=0).astype(int)
+    names = ("iou_positive", "iou_negative", "iou_static")
+    told = {
+        name: (lambda weight, which=which: iou(weight, which), int(held[which])) for which, name in enumerate(names)
+    }
+    return told | {"miou": (lambda weight: float(np.mean([iou(weight, which) for which in range(3)])), int(held.sum()))}
 
 
 def _mean_of(values: np.ndarray) -> Statistic:

@@ -5,7 +5,7 @@ import pytest
 from sklearn.metrics import roc_auc_score
 
 from jaxmm.exchange import scores
-from jaxmm.exchange.object_scores import average_precision, objects_found
+from jaxmm.exchange.object_scores import average_precision, objects_found, precision_recall
 from jaxmm.exchange.predictions import Prediction
 from jaxmm.exchange.scenes import Truth
 from jaxmm.exchange.score_table import markdown
@@ -56,6 +56,7 @@ def test_the_truth_as_a_prediction_is_right_in_every_way():
         scenes[name] = Scored(truth, Prediction(*changed, [box_of(PILLAR), box_of(WALL)]))
     told = score_scenes(scenes, "test", "here")
     best = {"roc_auc": 1, "fpr_at_95": 0, "iou_at_95": 0.95, "ece": 0, "brier": 0, "precision": 1, "recall": 1,
+            "iou_positive": 1, "iou_negative": 1, "iou_static": 1, "miou": 1,
             "coverage": 1, "risk": 0, "aurc": 0, "unobservable_called_removed": 0, "ap": 1}  # fmt: skip
     assert {row["difficulty"] for row in told["rows"]} == {"all", "easy", "medium", "hard"}
     for row in told["rows"]:
@@ -126,6 +127,18 @@ def test_average_precision_of_a_case_by_hand():
     found = objects_found([(np.array(true), said) for true, said in scenes])
     assert average_precision(found, np.ones(2)) == pytest.approx(1 / 3 + 2 / 9)
     assert found.counts.tolist() == [[1, 2, 0, 1, 1], [0, 0, 0, 2, 0]]  # the last is below one half
+    curve = [(one["probability"], one["precision"], one["recall"]) for one in precision_recall(found)]
+    assert curve == [(0.9, 1.0, 1 / 3), (0.8, 0.5, 1 / 3), (0.3, 2 / 3, 2 / 3)]
+
+
+def test_classes_of_points_of_a_case_by_hand():
+    truth = truth_of(scan=[1, 1, 0, 0, 5], reference=[4, 0, 0, 5])
+    said = Prediction(np.array([0.9, 0.1, 0.7, 0.0, 0.9]), np.array([0.8, 0.2, 0.6, 0.9]), None, None)
+    rows = rows_of(score_scenes({"0": Scored(truth, said)}), "points by class")
+    found = {metric: row["value"] for metric, row in rows.items()}
+    # New: one in both, three in either. Gone: one, two. Neither: two, five.
+    assert found["iou_positive"] == pytest.approx(1 / 3) and found["iou_negative"] == 0.5
+    assert found["iou_static"] == pytest.approx(2 / 5) and found["miou"] == pytest.approx((1 / 3 + 1 / 2 + 2 / 5) / 3)
 
 
 def test_what_hardly_shows_need_not_be_found_and_is_not_wrong():
