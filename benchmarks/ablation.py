@@ -27,8 +27,8 @@ from jaxmm.learning import room_scores
 from jaxmm.learning.batches import LabelledCloud, Sampler, features_of, labels_of, validation_batch
 from jaxmm.learning.fit import fit
 from jaxmm.learning.metrics import point_metrics
+from jaxmm.learning.model import Model, pick_model
 from jaxmm.learning.preprocess import nearest_distance
-from jaxmm.learning.train_step import Model
 from jaxmm.rays.evidence import FEATURES
 from jaxmm.rays.hole_filling import fill_holes
 from jaxmm.rays.rule import rule_scores
@@ -129,7 +129,7 @@ def _blanked(cloud: LabelledCloud, blank: np.ndarray) -> LabelledCloud:
 def _model_row(models: Model, config: Config, scored: Scored, blank: np.ndarray) -> Row:
     def score(cloud: LabelledCloud, scenario: str, _: np.ndarray) -> np.ndarray:
         features = features_of(METHOD, cloud.points, cloud.distance, _blanked(cloud, blank).evidence)
-        return room_scores.predict(room_scores.pick_model(models, scenario), features, config.network)
+        return room_scores.predict(pick_model(models, scenario), features, config.network)
 
     return _row(scored, score)
 

@@ -27,9 +27,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.building_views import ifc_files, made_building
 from benchmarks.command_line import CommandLine
 from benchmarks.lookalikes import lookalikes, sections_of, view_of
+from benchmarks.views.building_views import ifc_files, made_building
 from jaxmm.config import SCENARIOS
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
@@ -38,19 +38,20 @@ from jaxmm.learning.boxes import Box
 from jaxmm.learning.object_scores import LEAST_SHOWN
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.rays.scan_rays import PosedScan
+from jaxmm.reports.report_json import to_json
 from jaxmm.runs.room_scans import true_boxes
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.mismatch_points import inside
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import Prior, prior_of_building, read_prior
-from jaxmm.verdicts.results import Mismatch, box_of, to_json
+from jaxmm.verdicts.results import Mismatch, box_of
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import PRESENT, REMOVED
 from jaxmm.weights import DEFAULT
 from warp_scanner.buildings.pairs import MISSING, BuildingPairConfig, make_building_pairs
 from warp_scanner.clouds.points import points_of
 from warp_scanner.rooms.pairs import Pairs
-from warp_scanner.scenes.building import without
+from warp_scanner.scenes.building_edits import without
 from warp_scanner.sensors.poses import rotation_of
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, Sensor, sensor_named
 

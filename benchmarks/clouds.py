@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command_line import CommandLine
-from benchmarks.detection_scores import COUNTS, objects_of, share_of
 from benchmarks.detections import TEST_SEED
+from benchmarks.views.detection_scores import COUNTS, objects_of, share_of
 from jaxmm.commands.detect_files import Reading, detect
 from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED
 from jaxmm.files import load_json, write_json

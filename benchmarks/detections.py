@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command_line import CommandLine
-from benchmarks.detection_scores import COUNTS, objects_of, share_of
+from benchmarks.views.detection_scores import COUNTS, objects_of, share_of
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, UNCHANGED
 from jaxmm.files import load_json, write_json
 from jaxmm.learning.object_scores import LEAST_SHOWN

@@ -22,10 +22,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from benchmarks import peers
-from benchmarks.building_views import building_places, scanned
 from benchmarks.command_line import CommandLine
 from benchmarks.poses import disturbed
 from benchmarks.timing import write_report
+from benchmarks.views.building_views import building_places, scanned
 from jaxmm.deviations.meetings import meetings_of
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import Judges, read_judges
@@ -38,7 +38,8 @@ from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
 from warp_scanner.buildings.changes import of_element
-from warp_scanner.scenes.building import Triangles, join, move_element
+from warp_scanner.scenes.building import Triangles
+from warp_scanner.scenes.building_edits import join, move_element
 from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
 from warp_scanner.sensors.poses import Pose
 from warp_scanner.sensors.scan import Rays

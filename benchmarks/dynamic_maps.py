@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from benchmarks.command_line import CommandLine, end_without
-from benchmarks.inputs.moving_rooms import FIELDS, MAP, SCANS, write_rooms
+from benchmarks.views.moving_rooms import FIELDS, MAP, SCANS, write_rooms
 from jaxmm.files import write_json
 from jaxmm.formats.readers import read_scans
 from jaxmm.inputs import InputError, one_line

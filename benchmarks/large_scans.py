@@ -3,12 +3,12 @@
     python -m benchmarks.large_scans [--points 50000000] [--formats ply laz ...] [--json FILE]      half an hour
 
 A generated room is scanned from one place in random directions with 3 mm of noise, and written block by block in one
-format at a time. A process of its own reads the file as `jaxmm detect` does, and tells its peak of resident memory; for
-the first format another one runs the whole command against the room's IFC file. A file takes up to 2 GB of the disk,
-and none outlives its turn. The exit code is 1 where anything took more than the limit.
+format at a time. A process of its own reads the file as `jaxmm detect` does, and its peak of resident memory is taken;
+for the first format another one runs the whole command against the room's IFC file. A file takes up to 2 GB of the
+disk, and none outlives its turn. The exit code is 1 where anything took more than the limit.
 """
 
-import subprocess
+import os
 import sys
 import tempfile
 from pathlib import Path
@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.command_line import CommandLine
-from benchmarks.inputs.scan_writers import FORMATS, Blocks
+from benchmarks.commands import measured
 from benchmarks.timing import write_report
+from benchmarks.views.scan_writers import FORMATS, Blocks
 from warp_scanner.buildings.room_ifc import write_room
 from warp_scanner.rooms.pairs import PairConfig
 from warp_scanner.rooms.scenarios import Scenes, make_scenes
@@ -29,6 +30,12 @@ SMOKE = {"points": 20_000, "formats": ["e57", "laz"]}
 LIMIT = 8.0  # [GiB] of memory
 NOISE = 0.003  # [m] of the ranges
 SEED = 2  # of room and noise
+READ = """
+import sys
+from jaxmm.formats.readers import read_scans
+from pathlib import Path
+assert sum(len(scan.points) for scan in read_scans(Path(sys.argv[1]))) == int(sys.argv[2])
+"""  # imports what the command line imports, and nothing else, so the peak is that of `jaxmm` itself
 
 
 def main() -> int:
@@ -44,10 +51,10 @@ def main() -> int:
         with tempfile.TemporaryDirectory(dir=options.folder) as folder:
             path = Path(folder) / f"scan.{FORMATS[name].suffix}"
             FORMATS[name].write(path, Blocks(options.points, lambda part, count: scanned(scenes, part, count)))
-            jobs = {"read": ["read", path]}
+            jobs = {"read": ["-c", READ, path, options.points]}
             if number == 0:
                 jobs["detect"] = detection(scenes, path)
-            rows += [measured(f"{job} {name}", path, arguments) for job, arguments in jobs.items()]
+            rows += [row_of(f"{job} {name}", path, arguments, options.points) for job, arguments in jobs.items()]
     if options.json:
         write_report(options.json, rows, "numpy", "pye57", "laspy", "lazrs", "pypcd4")
     return int(any(row["ours"] > LIMIT for row in rows))
@@ -58,27 +65,23 @@ def detection(scenes: Scenes, scan: Path) -> list:
     prior, pose = scan.with_name("room.ifc"), scenes.pose
     write_room(prior, scenes.primitives._replace(kind=np.where(scenes.in_prior, scenes.primitives.kind, GAP)), 0)
     place = ",".join(f"{value:.6f}" for value in (*pose.position[0], 0.0))
-    return ["detect", prior, scan, f"--pose={place}", "--out", scan.with_name("found")]
+    return ["-m", "jaxmm", "detect", prior, scan, f"--pose={place}", "--out", scan.with_name("found")]
 
 
-def measured(case: str, path: Path, arguments: list) -> dict:
-    """What a process of its own tells of its work with a file.
+def row_of(case: str, path: Path, arguments: list, points: int) -> dict:
+    """What a process of its own takes for its work with a file of so many points.
 
     Raises:
         SystemExit: it failed, in its own words.
     """
-    command = [sys.executable, "-m", "benchmarks.peak", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise SystemExit(f"{case}: {done.stderr.strip() or f'ended with {done.returncode}'}")
-    kilobytes, seconds, computing, count = done.stdout.splitlines()[-1].split()
-    peak, size = int(kilobytes) / 2**20, path.stat().st_size / 1e9
-    times = f"{float(seconds):.0f} s, {float(computing):.0f} s of computing"
-    print(f"{case}: {int(count):,} points, {size:.2f} GB on disk, {peak:.2f} GiB, {times}", flush=True)
+    usage = measured([sys.executable, *map(str, arguments)], dict(os.environ))
+    peak, size = usage.peak * 1e6 / 2**30, path.stat().st_size / 1e9
+    times = f"{usage.seconds:.0f} s, {usage.computing:.0f} s of computing"
+    print(f"{case}: {points:,} points, {size:.2f} GB on disk, {peak:.2f} GiB, {times}", flush=True)
     return {
         "case": case, "ours": round(peak, 2), "peer": LIMIT, "peer_name": "limit", "unit": "GiB",
-        "ratio": round(LIMIT / peak, 2), "seconds": round(float(seconds), 1), "computing": round(float(computing), 1),
-        "points": int(count), "file_gb": round(size, 2),
+        "ratio": round(LIMIT / peak, 2), "seconds": round(usage.seconds, 1), "computing": round(usage.computing, 1),
+        "points": points, "file_gb": round(size, 2),
     }  # fmt: skip
 
 

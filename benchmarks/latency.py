@@ -18,10 +18,10 @@ from typing import Any
 from benchmarks.command_line import CommandLine
 from benchmarks.timing import measure_in_turns, write_report
 from jaxmm.learning.prediction import Judges, read_judges
+from jaxmm.reports.report_json import to_json
 from jaxmm.runs.room_scans import RoomCase, room_cases
 from jaxmm.verdicts.detection import Detection, detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
-from jaxmm.verdicts.results import to_json
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.weights import DEFAULT
 
@@ -32,7 +32,7 @@ SENSORS = tuple(
 )
 FULL = {"sensors": SENSORS, "changes": tuple(CHANGES), "repeat": 5}
 SMOKE = {"sensors": ("velodyne-16-real",), "changes": ("new",), "repeat": 1}
-STAGES = ("settling", "registration", "evidence", "objects", "next views")
+STAGES = ("registration", "evidence", "objects", "next views")
 
 
 def row_of(sensor: str, change: str, model: Path, repeat: int) -> dict[str, Any]:

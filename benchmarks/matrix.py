@@ -20,7 +20,7 @@ from jaxmm.files import write_json
 from jaxmm.learning import model_files, room_scores
 from jaxmm.learning.batches import features_of, labels_of
 from jaxmm.learning.metrics import point_metrics
-from jaxmm.learning.train_step import Model
+from jaxmm.learning.model import Model, pick_model
 from jaxmm.weights import DEFAULT
 
 METHOD = "evidence"
@@ -43,7 +43,7 @@ def _cell(config: Config, models: Model, scene: str, scenario: str) -> dict:
     """Mean over rooms of one model's AUC, where it sees the change, and of its alarms."""
     same = scene.split("_")[1] == scenario.split("_")[1]
     source = CloudSource(scene if same else scenario, scene, "occluded", config.data.test_seed)
-    model, found, alarms = room_scores.pick_model(models, scenario), [], []
+    model, found, alarms = pick_model(models, scenario), [], []
     for cloud, _ in labelled_rooms.clouds(config, source, np.arange(config.data.test_rooms)):
         features = features_of(METHOD, cloud.points, cloud.distance, cloud.evidence)
         score = room_scores.predict(model, features, config.network)

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.command_line import CommandLine
-from benchmarks.detection_scores import objects_of
 from benchmarks.timing import write_report
+from benchmarks.views.detection_scores import objects_of
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.runs.room_scans import RoomCase, as_cloud, cases_of
 from jaxmm.verdicts.detection import detect_scans

@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from benchmarks import peers
 from benchmarks.command_line import CommandLine
-from benchmarks.inputs.room_clouds import thinned_pairs
 from benchmarks.timing import measure_in_turns, write_report
+from benchmarks.voxels import thinned_pairs
 from warp_scanner.clouds.neighbours import nearest_both_ways
 
 THREADS = 2

@@ -31,8 +31,8 @@ from jaxmm.learning import model_files
 from jaxmm.learning.batches import LabelledCloud
 from jaxmm.learning.box_match import match_boxes
 from jaxmm.learning.boxes import Box, fit_boxes
-from jaxmm.learning.room_scores import pick_model, predict
-from jaxmm.learning.train_step import Model
+from jaxmm.learning.model import Model, pick_model
+from jaxmm.learning.room_scores import predict
 from jaxmm.objects.face_finish import Rays
 from jaxmm.objects.finder import Judged, find_objects
 from jaxmm.objects.walls import KnownBuilding

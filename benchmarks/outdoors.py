@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.building_views import asked_for, kept_views, scanned, tell_views
+from benchmarks.views.building_views import asked_for, kept_views, scanned, tell_views
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import Judges
 from jaxmm.verdicts.detection import detect_scans
@@ -23,7 +23,8 @@ from jaxmm.verdicts.outdoors import is_outdoors
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import REMOVED, VERDICTS
-from warp_scanner.scenes.building import Triangles, bounds, join
+from warp_scanner.scenes.building import Triangles, bounds
+from warp_scanner.scenes.building_edits import join
 from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
 from warp_scanner.sensors.poses import Pose
 from warp_scanner.sensors.sense import rays_of

@@ -20,14 +20,13 @@ import numpy as np
 import small_gicp
 from scipy.spatial.transform import Rotation
 
-from benchmarks.building_views import scanned
 from benchmarks.command_line import CommandLine
-from benchmarks.inputs.floor_plans import building_of_plans
 from benchmarks.timing import write_report
+from benchmarks.views.building_views import scanned
+from benchmarks.views.floor_plans import building_of_plans
 from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.verdicts.building_evidence import surfaces_along
-from jaxmm.verdicts.free_places import free_places
 from jaxmm.verdicts.named_scans import NamedScan, placed_scan, settled_scan
 from jaxmm.verdicts.panoramas import AZIMUTHS, fits_of, panorama_of, upright_of
 from jaxmm.verdicts.pose_search import search
@@ -35,9 +34,11 @@ from jaxmm.verdicts.priors import Prior, prior_of_building, read_prior
 from jaxmm.verdicts.settings import DetectSettings
 from warp_scanner import draws
 from warp_scanner.buildings.changes import added_object, furniture_around
+from warp_scanner.buildings.free_places import free_places
 from warp_scanner.buildings.positions import draw_positions
 from warp_scanner.rooms.standing import Standing
-from warp_scanner.scenes.building import fixed, join
+from warp_scanner.scenes.building import fixed
+from warp_scanner.scenes.building_edits import join
 from warp_scanner.scenes.scenes import PILLAR, WALL
 from warp_scanner.sensors.poses import Pose
 from warp_scanner.sensors.scan import Rays

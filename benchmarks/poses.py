@@ -5,12 +5,13 @@
 Scans of generated rooms (`varied`; seed 42 is of validation), unchanged and with changes, and with --ifc from places in
 IFC files, by sensors as built. Their poses are off by up to 0, 0.1 and 0.5 m, 0, 2 and 10 degrees of yaw, and 0, 1 and
 3 degrees of pitch and roll. *Right* is within 3 cm and 0.5 degrees; *open* is wrong, but the report says along which
-direction nothing holds the place; *believed* is wrong without a word. The peer is plain GICP (small_gicp) from the same
-start on the same surfaces, which refuses nothing. Prints Markdown.
+direction nothing holds the place; *believed* is wrong without a word. Peers are plain GICP (small_gicp) and ICP
+from points to planes (Open3D, where it is installed), from the same start on the same surfaces; they refuse nothing.
+Prints Markdown.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,9 +19,10 @@ import numpy as np
 import small_gicp
 from scipy.spatial.transform import Rotation
 
-from benchmarks.building_views import building_places, scanned
 from benchmarks.command_line import CommandLine
+from benchmarks.peers import has
 from benchmarks.timing import write_report
+from benchmarks.views.building_views import building_places, scanned
 from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.runs.room_scans import room_cases
@@ -42,6 +44,10 @@ FULL = {
 }
 SMOKE = {"sensors": ("oak-d-pro-real",), "scenes": ("unchanged",), "rooms": 1}
 KINDS = ("right", "refused or doubted", "open", "believed")
+
+
+# The motion (4, 4) of points (N, 3) onto others (M, 3).
+Peer = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class View(NamedTuple):
@@ -90,21 +96,38 @@ def outcome(view: View, believed: PosedScan) -> tuple[str, float]:
     return "refused or doubted" if placed.notes else "open" if placed.open else "believed", off
 
 
-def is_right_by_peer(view: View, believed: PosedScan) -> bool:
-    """Whether plain GICP puts it right."""
+def is_right_by_peer(view: View, believed: PosedScan, motion_of: Peer) -> bool:
+    """Whether a peer puts it right."""
     surfaces = surfaces_along(view.prior.scene, rays_of_scan(believed)).astype(np.float64)
     if len(surfaces) < 100:
         return False
     centre = np.asarray(believed.position, np.float64)
-    target, tree = small_gicp.preprocess_points(surfaces - centre, downsampling_resolution=SPACING)
-    source, _ = small_gicp.preprocess_points(
-        believed.points.astype(np.float64) - centre, downsampling_resolution=SPACING
-    )
-    motion = small_gicp.align(
+    motion = motion_of(surfaces - centre, believed.points.astype(np.float64) - centre)
+    return is_right(view.scan, centre + motion[:3, 3], motion[:3, :3] @ believed.rotation)
+
+
+def by_gicp(target: np.ndarray, source: np.ndarray) -> np.ndarray:
+    """The motion (4, 4) of points (N, 3) onto others, by plain GICP."""
+    target, tree = small_gicp.preprocess_points(target, downsampling_resolution=SPACING)
+    source, _ = small_gicp.preprocess_points(source, downsampling_resolution=SPACING)
+    return small_gicp.align(
         target, source, tree, registration_type="GICP", max_correspondence_distance=REACH
     ).T_target_source
-    position = centre + motion[:3, 3]
-    return is_right(view.scan, position, motion[:3, :3] @ believed.rotation)
+
+
+def by_open3d(target: np.ndarray, source: np.ndarray) -> np.ndarray:
+    """The same by Open3D's ICP from points to planes."""
+    import open3d
+
+    clouds = [
+        open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points)).voxel_down_sample(SPACING)
+        for points in (target, source)
+    ]
+    clouds[0].estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(3 * SPACING, 30))
+    registration = open3d.pipelines.registration
+    return registration.registration_icp(
+        clouds[1], clouds[0], REACH, np.eye(4), registration.TransformationEstimationPointToPlane()
+    ).transformation
 
 
 def is_right(true: PosedScan, position: np.ndarray, rotation: np.ndarray) -> bool:
@@ -113,20 +136,23 @@ def is_right(true: PosedScan, position: np.ndarray, rotation: np.ndarray) -> boo
     return bool(np.linalg.norm(position - true.position) <= RIGHT[0] and angle <= RIGHT[1])
 
 
-def row_of(case: str, views: list[View], most: tuple[float, float, float], seed: int) -> dict[str, Any]:
+def row_of(
+    case: str, views: list[View], most: tuple[float, float, float], seed: int, with_open3d: bool
+) -> dict[str, Any]:
     """Shares of all views, one error of each."""
     rng = np.random.default_rng(seed)
     starts = [disturbed(view.scan, most, rng) for view in views]
     told = [outcome(view, start) for view, start in zip(views, starts, strict=True)]
     ours = Counter(kind for kind, _ in told)
     shares = {kind: ours[kind] / len(views) for kind in KINDS}
-    right = [is_right_by_peer(view, start) for view, start in zip(views, starts, strict=True)]
-    mine, theirs = shares["right"], float(np.mean(right))
+    pairs = list(zip(views, starts, strict=True))
+    mine, theirs = shares["right"], float(np.mean([is_right_by_peer(*pair, by_gicp) for pair in pairs]))
+    others = {"open3d": float(np.mean([is_right_by_peer(*pair, by_open3d) for pair in pairs]))} if with_open3d else {}
     more = 1.0 / len(views)  # one right view more for each, so that the ratio is finite
     return {
         "case": case, "up_to": list(most), "views": len(views), **shares,
         "farthest": max((off for kind, off in told if kind == "right"), default=0.0), "ours": mine, "peer": theirs,
-        "peer_name": "GICP (small_gicp)", "unit": "share right", "ratio": (mine + more) / (theirs + more),
+        "peer_name": "GICP (small_gicp)", "unit": "share right", "ratio": (mine + more) / (theirs + more), **others,
     }  # fmt: skip
 
 
@@ -143,15 +169,23 @@ def main() -> None:
         cases |= {
             f"IFC files, {one}": list(building_views(asked.ifc, one, asked.rooms, asked.seed)) for one in asked.sensors
         }
-    columns = ("views", "off by up to", *KINDS, "right ones: most off [m]", "GICP alone: right")
+    columns = (
+        "views",
+        "off by up to",
+        *KINDS,
+        "right ones: most off [m]",
+        "GICP alone: right",
+        "Open3D's ICP alone: right",
+    )
     print(f"| {' | '.join(columns)} |\n|{' --- |' * len(columns)}")
-    rows = []
+    rows, with_open3d = [], has("open3d")
     for case, views in cases.items():
         for most in ERRORS:
-            row = row_of(f"{case} ({len(views)})", views, most, asked.seed)
+            row = row_of(f"{case} ({len(views)})", views, most, asked.seed, with_open3d)
             told = " | ".join(f"{row[kind]:.2f}" for kind in KINDS)
             print(
-                f"| {row['case']} | {most[0]:g} m, {most[1]:g}° | {told} | {row['farthest']:.3f} | {row['peer']:.2f} |",
+                f"| {row['case']} | {most[0]:g} m, {most[1]:g}° | {told} | {row['farthest']:.3f} | {row['peer']:.2f} "
+                f"| {row.get('open3d', float('nan')):.2f} |",
                 flush=True,
             )
             rows.append(row)

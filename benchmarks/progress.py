@@ -15,18 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.building_views import asked_for, kept_views, scanned, tell_views
-from benchmarks.detection_scores import share_of
+from benchmarks.views.building_views import asked_for, kept_views, scanned, tell_views
+from benchmarks.views.detection_scores import share_of
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import Judges
 from jaxmm.rays.scan_rays import rays_of_scan
 from jaxmm.verdicts.behind_removed import filling
-from jaxmm.verdicts.detection import detect_scans, look_at
+from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.hanging_openings import without_hanging
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.standing_alone import APART
+from jaxmm.verdicts.station_steps import look_at
 from jaxmm.verdicts.verdicts import PRESENT, REMOVED, STANDS, VerdictSettings, is_enough, verdicts_of
 from warp_scanner import draws
 from warp_scanner.buildings.positions import draw_positions

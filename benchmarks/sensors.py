@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.command_line import CommandLine
-from benchmarks.detection_scores import objects_of, share_of
 from benchmarks.detections import TEST_SEED, elements_of
+from benchmarks.views.detection_scores import objects_of, share_of
 from jaxmm.config import SCENARIOS, UNCHANGED
 from jaxmm.files import load_json, write_json
 from jaxmm.learning.object_scores import LEAST_SHOWN

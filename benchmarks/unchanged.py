@@ -19,9 +19,9 @@ import tempfile
 from argparse import Namespace
 from pathlib import Path
 
-from benchmarks.building_views import made_building
 from benchmarks.command_line import CommandLine, end_without
 from benchmarks.rays import rooms_and_poses
+from benchmarks.views.building_views import made_building
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
 

@@ -15,7 +15,7 @@
 #   seen:     bcf-js, coloured.bcf: no topic; printed: TypeError: Cannot read properties of undefined (reading '@_IfcGuid')
 #   seen:     @thatopen/components, plain.bcf: 1 topic
 #   seen:     @thatopen/components, coloured.bcf: raised: TypeError: Cannot read properties of undefined (reading 'IfcGuid')
-# In jaxmm: the BCF writer keeps to the schema; the element is in the Selection as well, which both understand.
+# In jaxmm: the writer of BCF 3.0 leaves Coloring out; the element is in the Selection, which both understand.
 set -euo pipefail
 VERSION=${VERSION:-0.2.6}  # of bcf-js
 THATOPEN_VERSION=${THATOPEN_VERSION:-3.4.8}

@@ -13,7 +13,8 @@
 #   seen:     binary: io 2 points, the first at [0.0, 0.0, 0.0]; t.io right
 #   seen:     binary_compressed: io 2 points, the first at [0.0, 0.0, 0.0]; t.io right
 #   written by io: SIZE 4 4 4, TYPE F F F
-# In jaxmm: the PCD writer uses floats as long as they are exact to a quarter of a millimetre, and doubles beyond.
+# In jaxmm: the PCD writer uses floats as long as they are exact to a tenth of a millimetre; beyond, it writes doubles,
+#   and beside them a file of floats that is moved by whole kilometres.
 #
 # Open3D needs libGL, libX11, libgomp and libusb of the system; the last is taken from PyPI where it is missing.
 set -euo pipefail

@@ -4,7 +4,7 @@ import os
 
 import lazy_loader
 
-from jaxmm.caches import cache_folder
+from warp_scanner.caches import cache_folder
 
 # JAX reads this when it is first imported, so it must stand before any other import of the package.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache_folder("jax")))
@@ -14,7 +14,7 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "commands.detect_files": ["Reading", "detect", "write_all"],
+        "commands.detect_files": ["detect", "write_all"],
         "commands.scanning": ["scan"],
         "data.generation": ["Request", "generate"],
         "data.simulator_settings": ["load_config"],
@@ -25,6 +25,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "inputs": ["InputError"],
         "runs.main_job": ["evaluate", "reproduce"],
         "runs.training_stage": ["train"],
+        "stations.named_files": ["Reading"],
+        "stations.work_folder": ["Work"],
         "verdicts.priors": ["read_prior"],
         "verdicts.results": ["Detection"],
         "verdicts.settings": ["DetectSettings"],

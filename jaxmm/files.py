@@ -1,5 +1,6 @@
 """Files of our own: written whole or not at all, and read with an error that names the one that is damaged."""
 
+import hashlib
 import json
 import os
 import shutil
@@ -83,6 +84,12 @@ def write_folder(path: Path, write: Callable[[Path], Any]) -> None:
             work.rename(path)
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def sha256_of(path: Path) -> str:
+    """The SHA-256 of a file's bytes, in hexadecimal."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def load_json(path: Path) -> Any:

@@ -15,6 +15,7 @@ import pytest
 # Before JAX is imported, here and in every process that tests start: compiling takes longer than what is compiled.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+os.environ.setdefault("JAXMM_KEEP_MODELS", "0")  # what a reader makes of a file is tested, not what it once made
 if "PYTEST_XDIST_WORKER" in os.environ:  # two processes on two cores: threads of one would wait for those of the other
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -5,6 +5,7 @@ the library, half a second. What goes between the two is JSON and an .npz archiv
 file makes of the reader, its answer carries no code.
 """
 
+import contextlib
 import importlib
 import io
 import json
@@ -61,16 +62,37 @@ def read_guarded(read: Callable[[Path, Any], Plain], path: Path, options: Any, l
         ValueError: `read` raised it, with the same words; or its process crashed, exceeded the limits, or answered
             anything but a whole `Plain`.
     """
+    return answer_of(begin(read, path, options, limits), path, limits)
+
+
+def begin(read: Callable[[Path, Any], Plain], path: Path, options: Any, limits: Limits) -> subprocess.Popen:
+    """Start the process that reads, as `read_guarded` does, and go on: `answer_of` waits for it, `drop` ends it."""
     request = json.dumps([read.__module__, read.__name__, str(path), options, limits])
     # The same modules must be found there as here, and none by the chance of the folder that it starts in (-P).
     paths = os.pathsep.join(place for place in sys.path if place)
-    with subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, "-P", "-c", f"from {__name__} import answer; answer()"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         env=os.environ | {"PYTHONPATH": paths},
-    ) as process:  # fmt: skip
+    )  # fmt: skip
+    with contextlib.suppress(BrokenPipeError):  # it has ended already, and its exit code tells
+        process.stdin.write(request.encode())
+        process.stdin.close()
+    process.stdin = None
+    return process
+
+
+def drop(process: subprocess.Popen) -> None:
+    """End a process whose answer nobody waits for any more."""
+    process.kill()
+    process.communicate()
+
+
+def answer_of(process: subprocess.Popen, path: Path, limits: Limits) -> Plain:
+    """What a process that `begin` started makes of its file; raises what `read_guarded` does."""
+    with process:
         try:
-            reply = _reply(process, request.encode())
+            reply = _reply(process)
         except BaseException:  # such as being interrupted: leaving would wait for the process
             process.kill()
             raise
@@ -85,7 +107,7 @@ def read_guarded(read: Callable[[Path, Any], Plain], path: Path, options: Any, l
         how = f"was killed by {signal.Signals(-process.returncode).name}" if process.returncode < 0 else "ended"
         raise ValueError(f"{path}: expected a whole file: the reader {how} within it")
     try:
-        made, plain = _loaded(reply)
+        made, plain = from_bytes(reply)
     except (ValueError, TypeError, KeyError, OSError, EOFError, MemoryError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path}: expected a whole file: the reader's answer cannot be read") from error
     if not made:
@@ -93,8 +115,8 @@ def read_guarded(read: Callable[[Path, Any], Plain], path: Path, options: Any, l
     return plain
 
 
-def _reply(process: subprocess.Popen, request: bytes) -> bytes | None:
-    """What a process says when it is asked; None of one that hardly computes, which is killed.
+def _reply(process: subprocess.Popen) -> bytes | None:
+    """What a process says in the end; None of one that hardly computes, which is killed.
 
     Nobody is told by the clock alone: a busy machine must not refuse what is well.
     """
@@ -102,9 +124,9 @@ def _reply(process: subprocess.Popen, request: bytes) -> bytes | None:
     looked, computed = time.monotonic(), 0.0
     while True:
         try:
-            return process.communicate(request, timeout=_LOOK)[0]
+            return process.communicate(timeout=_LOOK)[0]
         except subprocess.TimeoutExpired:
-            request = None  # it has been sent
+            pass
         try:
             now = sum(own.cpu_times()[:2])  # of the process itself, user and system
         except psutil.NoSuchProcess:
@@ -132,15 +154,17 @@ def answer() -> None:
             made, plain = True, read(Path(path), options)
         except ValueError as error:
             made, plain = False, Plain(str(error), {})
-        _save(out, made, plain)
+        save(out, made, plain)
 
 
-def _save(out: BinaryIO, made: bool, plain: Plain) -> None:
+def save(out: BinaryIO, made: bool, plain: Plain) -> None:
+    """Write an answer to a stream: whether the file was read, and what of it; else what is wrong with it."""
     words = np.frombuffer(json.dumps([made, plain.words]).encode(), np.uint8)
     np.savez(out, allow_pickle=False, **{_WORDS: words}, **plain.arrays)
 
 
-def _loaded(reply: bytes) -> tuple[bool, Plain]:
+def from_bytes(reply: bytes) -> tuple[bool, Plain]:
+    """What `save` wrote; damaged bytes raise almost anything but harm."""
     with np.load(io.BytesIO(reply), allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
     made, words = json.loads(arrays.pop(_WORDS).tobytes())

@@ -1,7 +1,10 @@
 """How kernels are fetched, fed and shared out on the CPU, where a launch runs on one core."""
 
+import functools
+import importlib
+import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
 
@@ -26,6 +29,12 @@ def load(kernels: ModuleType) -> None:
         wp.load_module(kernels, device="cpu")
 
 
+def load_all(names: Sequence[str]) -> None:
+    """Load files of kernels by name, in this order; whoever needs one meanwhile, in another thread, waits for it."""
+    for name in names:
+        load(importlib.import_module(f"warp_scanner.kernels.{name}"))
+
+
 def share(array: np.ndarray, dtype: type) -> wp.array:
     """The array as Warp sees it, in the same memory if it is contiguous; vectors and matrices take the last axes."""
     array = np.ascontiguousarray(array)
@@ -44,8 +53,17 @@ def share_out(launch: Callable[[int, int], None], count: int, threads: int, at_o
         for piece in pieces:
             launch(*piece)
         return
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(lambda piece: launch(*piece), pieces))
+    list(_pool(threads).map(lambda piece: launch(*piece), pieces))
+
+
+@functools.cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """Threads that stay: a scan takes a hundred calls, and starting threads for each costs more than some of them."""
+    return ThreadPoolExecutor(threads)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a copy of this process has none of its threads
 
 
 def thread_count(threads: int | None) -> int:

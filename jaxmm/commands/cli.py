@@ -4,6 +4,7 @@
 """
 
 import argparse
+import os
 import sys
 import traceback
 import warnings
@@ -12,8 +13,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
-from jaxmm.commands import benchmark_options, detect_options
+from jaxmm.commands import benchmark_options, detect_options, progress_options
 from jaxmm.config import CONDITIONS, SCENARIOS
+from jaxmm.devices import check_devices
 from jaxmm.files import check_writable
 from jaxmm.inputs import InputError
 
@@ -23,9 +25,11 @@ WRITERS = (
     "scan",
     "generate",
     "detect",
+    "progress",
     "benchmark",
     "revert",
 )  # commands for which a file that cannot be written is the user's to put right
+WITHOUT_JAX = ("scan", "revert")
 _AGAIN = "the same command again goes on"
 GOES_ON = {  # what to say of an interrupted command that keeps what it has done; others write all at their end
     "reproduce": _AGAIN, "generate": _AGAIN, "evaluate": _AGAIN, "benchmark": _AGAIN,
@@ -40,9 +44,10 @@ POSE = (
     "metres in the frame of the building, z absolute; degrees, YAW counter-clockwise from +x, PITCH upwards, ROLL with "
     "the right side down"
 )
+SCENES = "building: .ifc, .ifczip, .obj, .ply, .glb, .gltf or .stl, or a folder of such files that describe one"
 SCAN_FILES = (
-    ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic) or .csv: the returns with the element of each; "
-    ".npz: every ray, returned or not, and a table of the elements"
+    ".ply, .pcd, .e57 (fields jaxmm:element, jaxmm:semantic), .las, .laz or .csv: the returns with the element of "
+    "each; .npz: every ray, returned or not, and a table of the elements"
 )
 
 
@@ -53,6 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     later stays unheard.
     """
     options = _parser().parse_args(_glued(sys.argv[1:] if arguments is None else arguments))
+    if arguments is None:
+        os.environ["JAX_ENABLE_X64"] = "0"  # our models are of single precision, and JAX is not yet there
     if arguments is None and not options.debug:
         # Threads that write checkpoints go on to complain for themselves about an error that is told below, some of
         # them after it was told, so nothing is put back; and a compilation cache that cannot be used costs time only.
@@ -75,6 +82,8 @@ def _glued(arguments: Sequence[str]) -> list[str]:
 
 def _run(options: argparse.Namespace) -> int:
     try:
+        if options.command not in WITHOUT_JAX:
+            check_devices()
         options.run(options)
     except KeyboardInterrupt:
         return _failed(options, f"interrupted; {GOES_ON.get(options.command, 'nothing was written')}", 1)
@@ -158,7 +167,8 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--out", type=Path, required=True, metavar="FILE.json")
 
     command = _command(commands, "scan", _scan, "jaxmm scan house.ifc --pose 4,-3,1.5,90 --out scan.ply")
-    command.add_argument("scene", type=Path, metavar="SCENE", help="building: .ifc, .obj, .ply, .glb, .gltf or .stl")
+    command.add_argument("scene", type=Path, metavar="SCENE", help=SCENES)
+    command.add_argument("--also", type=Path, action="append", default=[], metavar="FILE", help=detect_options.ALSO)
     command.add_argument("--pose", required=True, metavar="X,Y,Z,YAW[,PITCH[,ROLL]]", help=POSE)
     command.add_argument("--sensor", default="oak-d-pro", metavar="NAME|FILE", help=SCAN_SENSORS)
     command.add_argument("--seed", type=int, default=0, metavar="N", help="of the errors of a sensor that errs")
@@ -169,6 +179,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--unit", type=float, default=1.0, metavar="METRES", help="length of the mesh file's unit")
 
     detect_options.add_detect(_command(commands, "detect", detect_options.detect, detect_options.EXAMPLE), POSE)
+    progress_options.add_progress(_command(commands, "progress", progress_options.progress, progress_options.EXAMPLE))
     benchmark = _command(commands, "benchmark", benchmark_options.benchmark, benchmark_options.EXAMPLE)
     benchmark_options.add_benchmark(benchmark)
     command = _command(commands, "revert", detect_options.revert, "jaxmm revert found/updated.ifc --out before.ifc")
@@ -185,6 +196,7 @@ ABOUT = {
     "thesis": "score the test pairs of the thesis's public repository",
     "scan": "scan a building from one place and write the scan",
     "detect": "compare robot scans with a building model: what was added, what removed, what could not be seen",
+    "progress": "follow every element over the reports of several weeks: when it was built, displaced or removed",
     "benchmark": "write scenes that any method can be run on, and score what it says",
     "revert": "undo what detect changed in an IFC file",
 }
@@ -277,15 +289,17 @@ def _scan(options: argparse.Namespace) -> None:
         )
     except ValueError as error:
         raise InputError(str(error)) from error
-    building = opened(options.scene, reading)
+    building = opened(options.scene, reading, options.also)
     scan = scan_of(building, pose, sensor, options.seed)
     check_returns(scan, options.pose, options.scene)
-    writers.write_scan(options.out, scan)
+    _, *moved = writers.write_scan(options.out, scan)
     hits, rays = int(np.isfinite(scan.distance).sum()), len(scan.distance)
     for remark in remarks(building):
         print(remark)
     if hits < FEW_RETURNS * rays:
         print(f"note: only {hits / rays:.1%} of the rays return; is the sensor inside of something, or far away?")
+    for beside in moved:
+        print(f"in single precision, moved by the kilometres in its name: {beside}")
     print(f"{hits} returns of {rays} rays, {len(set(scan.element[scan.element >= 0]))} elements: {options.out}")
 
 

@@ -1,11 +1,15 @@
 """`jaxmm detect` and `jaxmm revert` on the command line: their options, and what is printed."""
 
 import argparse
+import contextlib
+import threading
 from pathlib import Path
 
 from jaxmm.inputs import InputError
 
 EXAMPLE = "jaxmm detect house.ifc scan.e57 --pose 4,-3,1.5,90 --sensor oak-d-pro --out found"
+PRIORS = "building model: .ifc, .ifczip, a mesh, a folder of such files that describe one building, or a point cloud"
+ALSO = "another IFC or mesh file of the same building, in its own unit; may be given several times"
 POSES = (
     "for every scan one, in order, or a file of them: JSON (angles, a quaternion or a 4x4 matrix) or a TUM trajectory; "
     "own (in JSON null), the default of all: what the scan file says, else it is estimated; search, also once for all "
@@ -21,8 +25,21 @@ FRAMES = (
     "the prior's, or of PCD with a VIEWPOINT the sensor's where that fits"
 )
 UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
-CLASSES = "that get a verdict, and no others: of wall,column,door,window,slab; default: wall,column"
+CLASSES = (
+    "that get a verdict, and no others: all, or of wall,column,door,window,slab; or any of IFC with its kinds, as "
+    "IfcBeam, IfcFlowSegment or IfcElement; default: wall,column"
+)
+# What every detection in a building launches, in the order of first use.
+KERNELS = ("triangles", "voxels", "planes", "neighbours", "sightlines", "surface")
 AS_BUILT = "also write as_built.ifc: the model with displaced elements where they were measured"
+DATE = (
+    "when the scans were taken, as 2026-03-02 or 2026-03-02T14:30 (UTC), for jaxmm progress; default: what the scan "
+    "files say (E57, LAS), or else when they were last changed"
+)
+BCF = "version of mismatches.bcf; 2.1 for tools that do not read 3.0, the default"
+ENGINE = "of several stations: local, the cores of this machine; ray, the cluster that RAY_ADDRESS names"
+WORKERS = "processes for several stations; default: one a core; how many changes nothing but the time"
+KEEP_GOING = "leave out scans that cannot be used, and say so; default: the first one ends the command"
 SETTINGS = (
     'any field of jaxmm/verdicts/settings.py, as TOML: classes = ["wall"], or of a table in it: objects.threshold = 0.4'
 )
@@ -30,7 +47,8 @@ SETTINGS = (
 
 def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     """The options of `jaxmm detect`; `pose` says how a pose reads."""
-    command.add_argument("prior", type=Path, metavar="PRIOR", help="building model: .ifc, a mesh, or a point cloud")
+    command.add_argument("prior", type=Path, metavar="PRIOR", help=PRIORS)
+    command.add_argument("--also", type=Path, action="append", default=[], metavar="FILE", help=ALSO)
     command.add_argument(
         "scans", type=Path, nargs="+", metavar="SCAN",
         help=".ply, .pcd, .e57, .ptx, .pts, .las, .laz, .vtk, .csv, .npy, .npz, .xyz, .txt or .asc; E57, PTX and PTS "
@@ -49,8 +67,10 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument("--model", type=Path, metavar="RUN|FILE", help="default: the models that come with jaxmm")
     command.add_argument("--settings", type=Path, metavar="FILE.toml", help=SETTINGS)
     command.add_argument("--classes", action="append", default=[], metavar="CLASS,...", help=CLASSES)
+    command.add_argument("--date", metavar="DATE", help=DATE)
     command.add_argument("--apply", action="store_true", help="delete removed elements in updated.ifc, not mark them")
     command.add_argument("--as-built", action="store_true", help=AS_BUILT)
+    command.add_argument("--bcf", choices=("3.0", "2.1"), default="3.0", help=BCF)
     command.add_argument("--no-refine", action="store_true", help="believe poses as they are given")
     command.add_argument("--frame", choices=("world", "sensor", "optical"), help=FRAMES)
     command.add_argument("--topic", metavar="NAME", help="of the clouds in bags; default: the only one that there is")
@@ -62,6 +82,9 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
         "--up", choices=("y", "z"), help="axis of a mesh or cloud as prior; default: told by how it fits"
     )
     command.add_argument("--open-doors", action="store_true", help="leave the prior's doors out")
+    command.add_argument("--engine", choices=("local", "ray"), default="local", help=ENGINE)
+    command.add_argument("--workers", type=int, metavar="N", help=WORKERS)
+    command.add_argument("--keep-going", action="store_true", help=KEEP_GOING)
     command.add_argument("--clear-glass", action="store_true", help="let rays pass the glass of the prior's windows")
 
 
@@ -71,20 +94,34 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
 def detect(options: argparse.Namespace) -> None:
     """Read, compare, write, and print what was found."""
     from jaxmm.files import check_empty, check_folder
-    from jaxmm.formats.poses import read_poses
+    from jaxmm.formats.dates import parse_date
+    from warp_scanner.buildings.ifc_files import reading_ahead
 
     check_folder(options.out, "--out")
     check_empty(options.out, "--out")
-    if not options.prior.is_file():
-        found = "a folder" if options.prior.is_dir() else "nothing there"
-        raise InputError(f"{options.prior}: expected a file, found {found}")
-    for scan in options.scans:
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers: expected at least 1, got {options.workers}")
+    if not options.prior.exists():
+        raise InputError(f"{options.prior}: expected a file or a folder of models, found nothing there")
+    for scan in () if options.keep_going else options.scans:
         if not scan.exists():
             raise InputError(f"{scan}: expected a scan file, or a folder of depth images, found nothing there")
-    poses = read_poses(options.pose) or None
-    sensor = _sensor(options.sensor)
+    if options.date is not None:
+        try:
+            parse_date(options.date)
+        except InputError as error:
+            raise InputError(f"--date: {error}") from error
+    with reading_ahead(options.prior, _prior_options(options)):
+        _detect(options)
+
+
+def _detect(options: argparse.Namespace) -> None:
+    from jaxmm.formats.poses import read_poses  # SciPy, and the sensor's Warp, load while the model is read
+
+    poses, sensor = read_poses(options.pose) or None, _sensor(options.sensor)
 
     from jaxmm.commands import detect_files  # takes seconds: what is wrong with the words above is said before
+    from jaxmm.reports.drawing_process import drawing_beside
     from jaxmm.reports.plain_files import sentences_of
     from jaxmm.verdicts.settings import load_settings
     from jaxmm.weights import DEFAULT
@@ -94,17 +131,44 @@ def detect(options: argparse.Namespace) -> None:
         given["refine"] = False
     if options.classes:
         given["classes"] = [name.strip() for names in options.classes for name in names.split(",")]
-    settings = load_settings(options.settings, **given)
-    detection = detect_files.detect(
-        options.prior, options.scans, poses,
-        reading=_reading(options, sensor), settings=settings, model=options.model or DEFAULT,
-    )  # fmt: skip
-    for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
-        print(note)
-    said = detect_files.write_all(detection, options.prior, options.out, apply=options.apply, as_built=options.as_built)
+    settings, reading = load_settings(options.settings, **given), _reading(options, sensor)
+    with drawing_beside():
+        # Not before: a process with threads is not split.
+        threading.Thread(target=_load_ahead, args=(options.prior,), name="loading").start()
+        detection = detect_files.detect(
+            options.prior, options.scans, poses, also=options.also, reading=reading, settings=settings,
+            model=options.model or DEFAULT, date=options.date,
+            work=_work(options),
+        )  # fmt: skip
+        for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
+            print(note)
+        said = detect_files.write_all(
+            detection, options.prior, options.out, also=options.also, apply=options.apply, as_built=options.as_built,
+            bcf=options.bcf,
+        )  # fmt: skip
     for line in (*said, *sentences_of(detection), detection.summary()):
         print(line)
     print(f"reports: {options.out}")
+
+
+def _load_ahead(prior: Path) -> None:
+    """What is needed later, in a thread of its own: compilers, and rays that are cast, leave the interpreter to it."""
+    from warp_scanner.buildings.ifc_model import import_ifcopenshell
+    from warp_scanner.launches import load_all
+
+    with contextlib.suppress(Exception):  # whoever needs it tells
+        load_all(KERNELS)
+        if prior.suffix.lower() == ".ifc":
+            import_ifcopenshell()
+        import openpyxl  # noqa: F401
+
+
+def _work(options: argparse.Namespace):
+    """How to go about several stations: what is done of them stays beside --out until all is."""
+    from jaxmm.stations.work_folder import Work
+
+    out = options.out.resolve()
+    return Work(options.engine, options.workers, out.with_name(f".{out.name}.stations"), options.keep_going)
 
 
 def _sensor(asked: str | None):
@@ -120,11 +184,16 @@ def _sensor(asked: str | None):
 
 def _reading(options: argparse.Namespace, sensor):
     from jaxmm.commands.detect_files import Reading
-    from warp_scanner.scenes.building import ReadOptions
 
     _check_kind(options)
+    return Reading(_prior_options(options), options.unit, options.frame, sensor, options.topic)
+
+
+def _prior_options(options: argparse.Namespace):
+    from warp_scanner.scenes.building import ReadOptions
+
     try:
-        prior = ReadOptions(
+        return ReadOptions(
             glass="transparent" if options.clear_glass else "solid",
             doors="open" if options.open_doors else "closed",
             y_up=None if options.up is None else options.up == "y",
@@ -132,14 +201,15 @@ def _reading(options: argparse.Namespace, sensor):
         )
     except ValueError as error:
         raise InputError(str(error)) from error
-    return Reading(prior, options.unit, options.frame, sensor, options.topic)
 
 
 def _check_kind(options: argparse.Namespace) -> None:
     """Refuse options that say nothing about a prior of this kind."""
+    from jaxmm.commands.detect_files import prior_files
     from jaxmm.verdicts.priors import kind_of
 
-    kind = kind_of(options.prior)
+    model = prior_files(options.prior, options.also)
+    kind = "ifc" if model.has_ifc else kind_of(model.files[0].path)
     if kind == "ifc":
         if options.prior_unit is not None or options.up is not None:
             raise InputError(f"--prior-unit, --up: not for IFC; {options.prior} says its unit and axes itself")

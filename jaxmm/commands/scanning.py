@@ -1,5 +1,6 @@
 """`jaxmm scan`: what a sensor at one place in a building sees."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from jaxmm.formats.poses import GivenPose
 from jaxmm.formats.writers import SensorScan
 from jaxmm.inputs import InputError
-from warp_scanner.buildings.files import read_building
+from warp_scanner.buildings.model_files import model_of
 from warp_scanner.buildings.positions import check_position
+from warp_scanner.buildings.projects import read_model
 from warp_scanner.scenes.building import Building, ReadOptions
 from warp_scanner.sensors.imperfections import imperfect
 from warp_scanner.sensors.poses import rotation_of
@@ -20,15 +22,22 @@ from warp_scanner.sensors.triangles import cast_faces, face_normals, prepare
 
 
 def scan(
-    scene: Path | str, pose: GivenPose, sensor: Sensor = OAK_D_PRO, *, reading: ReadOptions | None = None, seed: int = 0
+    scene: Path | str,
+    pose: GivenPose,
+    sensor: Sensor = OAK_D_PRO,
+    *,
+    also: Sequence[Path | str] = (),
+    reading: ReadOptions | None = None,
+    seed: int = 0,
 ) -> SensorScan:
     """Scan a building from one place, as `jaxmm scan` does, without writing anything.
 
     Args:
-        scene: IFC or mesh file.
+        scene: IFC or mesh file, or a folder of such that describe one building.
         pose: where the sensor stands and looks, in the frame of the building.
         sensor: which directions it looks in, how far it reaches, and how it errs.
-        reading: how the file is to be read.
+        also: IFC and mesh files that describe the same building as well.
+        reading: how the files are to be read.
         seed: of the errors of a sensor that errs, from 0 and below 2^63.
 
     Returns:
@@ -37,21 +46,22 @@ def scan(
     Raises:
         InputError: the file cannot be read, no sensor can stand there, nothing comes back, or a seed out of range.
     """
-    found = scan_of(opened(Path(scene), reading or ReadOptions()), pose, sensor, seed)
+    found = scan_of(opened(Path(scene), reading or ReadOptions(), also), pose, sensor, seed)
     check_returns(found, f"{tuple(pose.position.tolist())}", scene)
     return found
 
 
-def opened(scene: Path, reading: ReadOptions) -> Building:
-    """The building of a file.
+def opened(scene: Path, reading: ReadOptions, also: Sequence[Path | str] = ()) -> Building:
+    """The building of a file, or of several.
 
     Raises:
         InputError: it cannot be read so.
     """
-    if scene.suffix.lower() == ".ifc" and (reading.unit != 1.0 or reading.y_up is not None):
-        raise InputError(f"--unit, --up: only for mesh files; {scene} says its unit and axes itself")
     try:
-        return read_building(scene, reading)
+        model = model_of(scene, also)
+        if model.has_ifc and (reading.unit != 1.0 or reading.y_up is not None):
+            raise InputError(f"--unit, --up: only for mesh files; {scene} says its unit and axes itself")
+        return read_model(model, reading)
     except (ValueError, ImportError) as error:
         raise InputError(str(error)) from error
 

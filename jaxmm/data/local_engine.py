@@ -6,8 +6,8 @@ process keeps nothing of those before, so that however many it does, its peak is
 """
 
 import contextlib
-import itertools
 import multiprocessing
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -34,39 +34,71 @@ def results(function: Callable[..., Any], tasks: Iterable[Task], workers: int | 
         RuntimeError: a process was killed, for want of memory perhaps.
         Exception: whatever the function raised.
     """
-    workers = workers or core_count()
-    if workers == 1:
-        heap.share()
-        yield from ((task, function(*task)) for task in tasks)
-        return
-    waiting, processes = iter(tasks), {}
-    try:
-        for task in itertools.islice(waiting, workers):
-            connection, process = _start(function)
-            processes[connection] = process
-            connection.send(task)
-        while processes:
-            for connection in wait(list(processes)):
-                task, result = _received(connection, processes[connection])
-                # The next task goes out before this result is dealt with, so that no core waits for a disk.
-                following = next(waiting, None)
-                if following is None:
-                    connection.close()
-                    processes.pop(connection).join()
-                else:
-                    connection.send(following)
-                yield task, result
-    finally:
-        for connection, process in processes.items():
+    with Pool(workers) as pool:
+        yield from pool.results(function, tasks)
+
+
+class Pool:
+    """Processes that stay from one function to the next; each is started when there is a first task for it.
+
+    Used in a `with` block, at whose end they are ended.
+    """
+
+    def __init__(self, workers: int | None = None, *, keep_to_cores: bool = False):
+        """`keep_to_cores` keeps each process to one core, where the system can: for functions whose threads share."""
+        self._workers = workers or core_count()
+        self._keep_to_cores = keep_to_cores and hasattr(os, "sched_setaffinity")
+        self._processes: dict[Connection, multiprocessing.Process] = {}
+
+    def __enter__(self) -> "Pool":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for connection, process in self._processes.items():
             process.kill()
             process.join()
             connection.close()
+        self._processes = {}
+
+    def results(self, function: Callable[..., Any], tasks: Iterable[Task]) -> Iterator[tuple]:
+        """As `results` of this module. Afterwards, or after an error, no task is under way."""
+        if self._workers == 1:
+            heap.share()
+            yield from ((task, function(*task)) for task in tasks)
+            return
+        waiting, busy = iter(tasks), set()
+        try:
+            for place, task in zip(range(self._workers), waiting, strict=False):
+                connection = self._at(place)
+                connection.send((function, task))
+                busy.add(connection)
+            while busy:
+                for connection in wait(list(busy)):
+                    task, result = _received(connection, self._processes[connection])
+                    # The next task goes out before this result is dealt with, so that no core waits for a disk.
+                    following = next(waiting, None)
+                    if following is None:
+                        busy.remove(connection)
+                    else:
+                        connection.send((None, following))
+                    yield task, result
+        except BaseException:
+            self.__exit__()
+            raise
+
+    def _at(self, place: int) -> Connection:
+        """To the process of that number, which may have to be started."""
+        if place == len(self._processes):
+            cores = sorted(os.sched_getaffinity(0)) if self._keep_to_cores else []
+            connection, process = _start(cores[place % len(cores)] if cores else None)
+            self._processes[connection] = process
+        return list(self._processes)[place]
 
 
-def _start(function: Callable[..., Any]) -> tuple[Connection, multiprocessing.Process]:
+def _start(core: int | None) -> tuple[Connection, multiprocessing.Process]:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs, function), daemon=True)
+    process = context.Process(target=_serve, args=(theirs, core), daemon=True)
     # The tracker that multiprocessing starts beside the first child unblocks signals when it is up.
     resource_tracker.ensure_running()
     with _undisturbed():
@@ -96,13 +128,17 @@ def _undisturbed() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-def _serve(connection: Connection, function: Callable[..., Any]) -> None:
+def _serve(connection: Connection, core: int | None) -> None:
+    if core is not None:
+        os.sched_setaffinity(0, {core})
     heap.share()
+    function = None
     while True:
         try:
-            task = connection.recv()
+            new, task = connection.recv()
         except EOFError:
             return
+        function = new or function
         try:
             connection.send(_reply(function, task))  # and no name for it, which would keep it during the next task
         except BrokenPipeError:  # the parent was killed

@@ -98,7 +98,7 @@ def results(function: Callable[..., Any], tasks: Iterable[tuple], workers: int |
     remote = ray.remote(num_cpus=1, max_retries=RETRIES)(_run)
     workers = workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
     waiting, running = iter(tasks), {}
-    here = _ground()
+    here = ground()
     try:
         # One more than can run, so that no worker waits for this process.
         for task in itertools.islice(waiting, workers + 1):
@@ -117,14 +117,14 @@ def results(function: Callable[..., Any], tasks: Iterable[tuple], workers: int |
 
 def _run(function: Callable[..., Any], expected: dict[str, Any], task: tuple) -> Any:
     """One task on a worker, if its bits would be those of the machine that asked."""
-    here = _ground()
+    here = ground()
     if other := [name for name in expected if here.get(name) != expected[name]]:
         raise InputError(f"--engine: machine {os.uname().nodename} of the cluster has other {', '.join(other)}")
     return function(*task)
 
 
 @functools.cache
-def _ground() -> dict[str, Any]:
+def ground() -> dict[str, Any]:
     """What the bits of a task depend on."""
     return {name: value for name, value in versions.versions().items() if name not in OWN}
 

@@ -27,6 +27,7 @@ from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare_par
 AXIS = np.radians(3.0)  # between a direction and what faces fix, up to which they do, or do not
 ROUND = 4  # ways that faces of a slender body look, that one place shows: no box has so many
 ANOTHER, ASKED = 0.015, 200  # [m] off its place, from which a face may be another's; and rays that are asked
+NO_RAYS, NO_CELL = np.zeros(0), np.zeros(0, np.int64)
 Interval = tuple[float, float]
 
 
@@ -103,12 +104,18 @@ class _Body(NamedTuple):
     corners: np.ndarray  # (V, 3) [m]
 
 
+class Faces(NamedTuple):
+    """What one scan shows of the faces of the elements; small, whatever the scan."""
+
+    sensor: np.ndarray  # (3,) float64 [m]
+    poses: list[PoseError]  # how far off it may be, the likeliest first
+    seen: list[Seen]
+
+
 def deviations_of(
     scene: TriangleScene, rays: list[ScanRays], trust: list[str], tolerance: np.ndarray
 ) -> dict[int, Deviation]:
-    """The deviation of every element that some scan tells of, by its row.
-
-    Where the pose alone may be what is off, intervals are None along all axes: then its offset is as the pose has it.
+    """The deviation of every element that some scan tells of, by its row, as `deviations_by` has it.
 
     Args:
         scene: the model.
@@ -116,17 +123,55 @@ def deviations_of(
         trust: in the pose of each scan, one of pose_errors.TRUSTS.
         tolerance: (E,) [m] of each element, for its coverage.
     """
+    return deviations_by(scene, [faces_of(scene, *one) for one in zip(rays, trust, strict=True)], tolerance)
+
+
+def faces_of(scene: TriangleScene, rays: ScanRays, trust: str) -> Faces:
+    """What one scan shows: its faces, and what all of them tell of its pose.
+
+    Args:
+        scene: the model.
+        rays: of the scan, where it was placed.
+        trust: in its pose, one of pose_errors.TRUSTS.
+    """
+    found = _fits(scene, meetings_of(scene, rays), columns_of(scene))
+    poses = pose_errors([fit for _, fit in found], rays.position, trust)
+    return Faces(rays.position, poses, [_seen(group, fit, poses[0], rays.position) for group, fit in found])
+
+
+def deviations_by(scene: TriangleScene, shown: list[Faces], tolerance: np.ndarray) -> dict[int, Deviation]:
+    """The deviation of every element that some scan tells of, by its row.
+
+    Where the pose alone may be what is off, intervals are None along all axes: then its offset is as the pose has it.
+
+    Args:
+        scene: the model.
+        shown: by each scan.
+        tolerance: (E,) [m] of each element, for its coverage.
+    """
     faces: dict[int, list[Seen]] = {}
-    poses: list[list[PoseError]] = []
-    slender = columns_of(scene)
-    for number, (one, trusted) in enumerate(zip(rays, trust, strict=True)):
-        found = [Seen(fit, group, number) for group, fit in _fits(scene, meetings_of(scene, one), slender)]
-        for each in found:
-            faces.setdefault(int(each.rays.element[0]), []).append(each)
-        poses.append(pose_errors([each.fit for each in found], one.position, trusted))
-    sensors = [one.position for one in rays]
+    for number, one in enumerate(shown):
+        for each in one.seen:
+            faces.setdefault(each.element, []).append(each._replace(scan=number))
+    poses, sensors = [one.poses for one in shown], [one.sensor for one in shown]
     bodies = _bodies(scene, faces)
     return {row: _deviation(seen, poses, sensors, bodies[row], float(tolerance[row])) for row, seen in faces.items()}
+
+
+def _seen(group: Meetings, fit: Fit, pose: PoseError, sensor: np.ndarray) -> Seen:
+    """A fitted face, its rays summed up."""
+    element, way, bare = int(group.element[0]), int(group.group[0]), fit._replace(on=NO_RAYS, left=NO_RAYS)
+    if not fit.first:
+        return Seen(element, way, bare, fit.rays, np.zeros(3), NO_CELL, NO_RAYS, np.zeros((2, 0)))
+    on, ends, normal = fit.on, group.end[fit.on], group.normal[fit.on]
+    cell, number, count = np.unique(cells_of(ends @ fit.axes.T), return_inverse=True, return_counts=True)
+    offs = []
+    for step in (pose.correction, np.zeros(6)):
+        moved = step[:3] + np.cross(step[3:], ends - sensor)
+        off = group.off[on] + np.einsum("kc,kc->k", moved, normal)
+        offs.append(np.abs(np.bincount(number, off) / count))
+    apart = np.abs(np.bincount(number, fit.left[on]) / count)
+    return Seen(element, way, bare, fit.rays, normal.sum(axis=0), cell, apart, np.stack(offs))
 
 
 def _bodies(scene: TriangleScene, rows: Iterable[int]) -> dict[int, _Body]:
@@ -182,15 +227,14 @@ def _deviation(
     motion = motion_of(seen, poses, sensors, middle)
     told = bool(np.any(motion.keep))
     # Whatever its pose, it stands about where the pose as it is has it: it is neither gone nor new.
-    used = poses if told else [[EXACTLY] for _ in poses]
-    judged = motion if told else motion_of(seen, used, sensors, middle)
+    judged = motion if told else motion_of(seen, [[EXACTLY] for _ in poses], sensors, middle)
     step = judged.keep @ judged.step[:3]
     direction = _direction(seen, judged, step)
     spans = [judged.span(way) for way in (*np.eye(3), direction)]
     opened = [not told or np.linalg.norm(judged.keep @ way) < np.sin(AXIS) for way in np.eye(3)]
-    flatness, worst, covered = _surface(seen, [one[0] for one in used], sensors, tolerance)
+    flatness, worst, covered = _surface(seen, 0 if told else 1, tolerance)
     half, distance = (spans[3][1] - spans[3][0]) / 2.0, float(step @ direction)
-    on = sum(one.fit.rays for one in seen)
+    on = sum(one.rays for one in seen)
     could = on + sum(one.fit.through for one in seen if one.fit.first)
     turn, lean = judged.angles
     long, high = _sizes(body, seen)
@@ -213,9 +257,9 @@ def _direction(seen: list[Seen], motion: Motion, step: np.ndarray) -> np.ndarray
     """
     if all(one.fit.first for one in seen):
         ways = [one.fit.normal for one in seen if np.linalg.norm(motion.keep @ one.fit.normal) > np.cos(AXIS)]
-        usual = max(seen, key=lambda one: one.fit.rays).fit.normal
+        usual = max(seen, key=lambda one: one.rays).fit.normal
     else:
-        looks = sum(one.rays.normal[one.fit.on].sum(axis=0) for one in seen if one.fit.first)
+        looks = sum(one.looks for one in seen if one.fit.first)
         usual = looks / np.linalg.norm(looks)
         gone = step if step @ usual >= 0.0 else -step
         ways = [gone / np.linalg.norm(gone)] if np.any(gone) else []
@@ -230,32 +274,25 @@ def _direction(seen: list[Seen], motion: Motion, step: np.ndarray) -> np.ndarray
 
 def _sizes(body: _Body, seen: list[Seen]) -> tuple[float, float]:
     """Length along its longest face, and the length over which it leans [m]: its height, or what lies its length."""
-    level = max(seen, key=lambda one: one.fit.rays).fit.axes[0, :2]
+    level = max(seen, key=lambda one: one.rays).fit.axes[0, :2]
     across = np.array([-level[1], level[0]])
     long = float(max(np.ptp(body.corners[:, :2] @ level), np.ptp(body.corners[:, :2] @ across)))
     high = float(body.high[2] - body.low[2])
     return long, high if all(abs(one.fit.normal[2]) < STEEP for one in seen) else long
 
 
-def _surface(
-    seen: list[Seen], poses: list[PoseError], sensors: list[np.ndarray], tolerance: float
-) -> tuple[float, float, float]:
-    """Flatness [m]; 95 % of its places are so near to the model [m]; area [m2] seen that is within the tolerance."""
-    apart, offs, cells = [], [], []
-    for one in seen:
-        if not one.fit.first:
-            continue
-        fit, on = one.fit, one.fit.on
-        ends = one.rays.end[on]
-        cell, number, count = np.unique(cells_of(ends @ fit.axes.T), return_inverse=True, return_counts=True)
-        apart.append(np.abs(np.bincount(number, fit.left[on]) / count))
-        step = poses[one.scan].correction
-        moved = step[:3] + np.cross(step[3:], ends - sensors[one.scan])
-        off = one.rays.off[on] + np.einsum("kc,kc->k", moved, one.rays.normal[on])
-        offs.append(np.abs(np.bincount(number, off) / count))
-        within = offs[-1] <= tolerance
-        cells.append(np.column_stack([np.full(within.sum(), one.rays.group[0]), cell[within]]))
+def _surface(seen: list[Seen], pose: int, tolerance: float) -> tuple[float, float, float]:
+    """Flatness [m]; 95 % of its places are so near to the model [m]; area [m2] seen that is within the tolerance.
+
+    `pose` is 0 with the likeliest of each scan, 1 with those that they have.
+    """
+    faces = [one for one in seen if one.fit.first]
+    cells = []
+    for one in faces:
+        within = one.off[pose] <= tolerance
+        cells.append(np.column_stack([np.full(within.sum(), one.group), one.cell[within]]))
     covered = len(np.unique(np.concatenate(cells), axis=0)) * CELL**2
+    apart, offs = [one.apart for one in faces], [one.off[pose] for one in faces]
     flatness, worst = (float(np.percentile(np.concatenate(all_of), 95.0)) for all_of in (apart, offs))
     return flatness, worst, covered
 

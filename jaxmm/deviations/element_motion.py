@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.deviations.fits import Fit
-from jaxmm.deviations.meetings import Meetings
 from jaxmm.deviations.pose_errors import PoseError, rows_of, scatter
 
 FREE = (1.0, 1.0, 1.0, 0.03, 0.03, 0.1)  # [m, rad] standard deviations of an element off its place, before it is seen
@@ -20,11 +19,17 @@ AT_ODDS = 4.0  # standard deviations, from which on a face contradicts what all 
 
 
 class Seen(NamedTuple):
-    """One face of an element in one scan."""
+    """One face of an element in one scan: what is left of its rays, by C places of 0.1 m on it."""
 
-    fit: Fit
-    rays: Meetings  # of its group
-    scan: int
+    element: int
+    group: int  # as in Meetings
+    fit: Fit  # without its rays
+    rays: int  # that end on it; 0 where another fit says so already
+    looks: np.ndarray  # (3,) float64 sum of unit vectors toward the sensor, of rays that end on it
+    cell: np.ndarray  # (C,) int64 places on the face; none of a fit that says the same rays again
+    apart: np.ndarray  # (C,) float64 [m] off the fitted face
+    off: np.ndarray  # (2, C) float64 [m] off the model's face, with the likeliest pose and as the pose is
+    scan: int = 0  # number of the scan
 
 
 class Motion(NamedTuple):

@@ -6,6 +6,7 @@ A ray tells how far a face is off along its normal; of a column that moved acros
 pass, and what it now shows belongs to no face of the model. So the column's own surface is laid over those points.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,6 @@ from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare_par
 
 WIDEST, LOWEST = 1.2, 1.0  # [m] edges in plan of what may be a column, at most, and its height, at least
 STEP, CLOSE = 0.02, 0.015  # [m] between shifts that are tried, and off the surface
-COARSE = 0.5  # [m] to which they are thinned to see which columns are about
 THIN = 0.03  # [m] to which points are thinned
 EXPLAINED = 0.02  # [m] from the surface of something else, within which a point is of that
 ENDS = 0.1  # [m] at foot and head that are left out: floors and ceilings are there
@@ -44,27 +44,56 @@ def columns_of(scene: TriangleScene) -> np.ndarray:
     return np.flatnonzero(slender & ~np.isin(scene.triangles.semantic, (DOOR, WINDOW)))
 
 
+class Beside(NamedTuple):
+    """The points of one scan about each of C columns, those of one after another."""
+
+    points: np.ndarray  # (K, 3) float32 [m]
+    start: np.ndarray  # (C + 1,) int
+
+    def of(self, column: int) -> np.ndarray:
+        """(k, 3) float32 [m] about one of them."""
+        return self.points[self.start[column] : self.start[column + 1]]
+
+
+def beside_columns(scene: TriangleScene, rays: ScanRays, most: float) -> Beside:
+    """What one scan shows about each of `columns_of`, up to `most` [m] and a little farther off its place."""
+    low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
+    points, found = measured_points(rays), [np.zeros((0, 3), np.float32)]
+    order = np.argsort(points[:, 0], kind="stable")
+    along = points[order, 0].astype(np.float64)
+    reach = np.array([most + AROUND, most + AROUND, -ENDS])
+    for row in columns_of(scene):
+        first, last = low[row] - reach, high[row] + reach
+        near = order[np.searchsorted(along, first[0], "right") : np.searchsorted(along, last[0], "left")]
+        about = points[near]
+        inside = np.all((about[:, 1:] > first[1:]) & (about[:, 1:] < last[1:]), axis=1)
+        found.append(points[np.sort(near[inside])])
+    return Beside(np.concatenate(found), np.cumsum([len(one) for one in found]))
+
+
 def shifts_of(scene: TriangleScene, rays: list[ScanRays], rows: np.ndarray, most: float) -> dict[int, Shift]:
     """Of some columns, by their rows, those that stand up to `most` [m] off their places."""
-    if not len(rows):
-        return {}
+    return shifts_by(scene, (beside_columns(scene, one, most) for one in rays), rows, most)
+
+
+def shifts_by(scene: TriangleScene, shown: Iterable[Beside], rows: np.ndarray, most: float) -> dict[int, Shift]:
+    """The same by what each scan shows about columns; one scan is held at a time, and of it what is about `rows`."""
+    place = {int(row): number for number, row in enumerate(columns_of(scene)) if row in rows}
+    about: dict[int, list[np.ndarray]] = {row: [] for row in place}
+    for one in shown if place else ():
+        for row, number in place.items():
+            about[row].append(one.of(number).copy())
     low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
-    points = np.concatenate([measured_points(one) for one in rays])
-    coarse, reach = points[thin_clouds([points], COARSE)[0]], most + AROUND + COARSE
-    near = [row for row in rows if np.any(np.all((coarse > low[row] - reach) & (coarse < high[row] + reach), axis=1))]
-    found = {int(row): _shift(scene.triangles, points, (low, high), int(row), most) for row in near}
+    found = {int(row): _shift(scene.triangles, np.concatenate(about[row]), (low, high), row, most) for row in place}
     return {row: one for row, one in found.items() if one is not None}
 
 
 def _shift(
-    triangles: Triangles, points: np.ndarray, bounds: tuple[np.ndarray, np.ndarray], row: int, most: float
+    triangles: Triangles, about: np.ndarray, bounds: tuple[np.ndarray, np.ndarray], row: int, most: float
 ) -> Shift | None:
     low, high = bounds
-    reach = np.array([most + AROUND, most + AROUND, -ENDS])
-    inside = np.all((points > low[row] - reach) & (points < high[row] + reach), axis=1)
-    if inside.sum() < LEAST_POINTS:
+    if len(about) < LEAST_POINTS:
         return None
-    about = points[inside]
     about = about[thin_clouds([about], THIN)[0]]
     near = np.all((high > low[row] - 1.0) & (low < high[row] + 1.0), axis=1)
     near[row] = False

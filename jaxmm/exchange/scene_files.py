@@ -11,15 +11,15 @@ import numpy as np
 
 from jaxmm.exchange.scenes import Scene, Truth
 from jaxmm.exchange.tasks import TEST, Task
-from jaxmm.files import load_arrays, load_json, write_arrays, write_folder, write_json
+from jaxmm.files import load_arrays, load_json, write_arrays, write_atomically, write_folder, write_json
 from jaxmm.formats.ply_header import read_header
-from jaxmm.formats.writers import write_ply_table
 from jaxmm.inputs import InputError
 from warp_scanner.buildings.room_ifc import write_room
 
 SCENE, SCAN, MISSES, REFERENCE, MODEL, TRUTH = (
     "scene.json", "scan.ply", "misses.ply", "reference.ply", "model.ifc", "truth.npz",
 )  # fmt: skip
+_PLY_KINDS = {"<f8": "double", "<f4": "float", "<i4": "int"}
 SINGLE = 4096.0  # [m] coordinates that single precision holds to a quarter of a millimetre
 
 
@@ -74,6 +74,14 @@ def points_table(points: np.ndarray, more: dict[str, np.ndarray] | None = None) 
     for name, column in columns.items():
         table[name] = column
     return table
+
+
+def write_ply_table(path: Path, table: np.ndarray) -> None:
+    """Write a structured array (N,) as the vertices of a binary PLY file, in the types that it has."""
+    fields = table.dtype.fields.items()
+    properties = "".join(f"property {_PLY_KINDS[kind.str]} {name}\n" for name, (kind, _) in fields)
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(table)}\n{properties}end_header\n"
+    write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))
 
 
 def _plain(sensor: Any) -> dict[str, Any]:

@@ -4,11 +4,13 @@ Points are read in blocks by the library below pye57, whose own `read_scan` hold
 """
 
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jaxmm.formats.dates import from_gps
 from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_name, check_swelling, returned, to_world
 from jaxmm.inputs import InputError
 
@@ -17,17 +19,42 @@ CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 
 
-def read_e57(path: Path) -> list[RawScan]:
-    """All scans of a file.
+def read_e57(path: Path, only: int | None = None) -> list[RawScan]:
+    """All scans of a file, or the one of a number.
 
     Raises:
         InputError: one without coordinates, or fewer points than promised.
     """
-    import pye57
+    return _opened(path, lambda file: _scans(path, file, only))
 
+
+def scans_with_points(path: Path) -> tuple[list[int], int]:
+    """Numbers of the scans of a file that promise points, and how many scans there are; no point is read.
+
+    Raises:
+        InputError: it is no whole E57 file.
+    """
+
+    def counted(file: Any) -> tuple[list[int], int]:
+        count = file.scan_count
+        return [number for number in range(count) if file.get_header(number).point_count > 0], count
+
+    return _opened(path, counted)
+
+
+def _opened(path: Path, what: Callable[[Any], Any]) -> Any:
+    """What is asked of a file that is opened, and closed again."""
+    try:
+        import pye57
+    except ImportError as error:
+        raise InputError(f"{path}: needs the extra formats: pip install 'jaxmm[formats]'") from error
     _check_header(path)
     try:
-        return _scans(path, pye57.E57(str(path)))
+        file = pye57.E57(str(path))
+        try:
+            return what(file)
+        finally:
+            file.close()
     except pye57.libe57.E57Exception as error:  # what follows the stars is for those who debug the library
         reason = " ".join(str(error).split("****")[0].split())[:200]
         raise InputError(f"{path}: expected a whole E57 file: {reason}") from error
@@ -52,14 +79,11 @@ def _check_header(path: Path) -> None:
         raise InputError(f"{path}: expected E57 whose XML is UTF-8 without a document type, found another")
 
 
-def _scans(path: Path, file: Any) -> list[RawScan]:
-    try:
-        headers = [file.get_header(number) for number in range(file.scan_count)]
-        check_swelling(path, sum(24 * max(header.point_count, 0) for header in headers))
-        found = [_scan(path, file.image_file, header) for header in headers]
-    finally:
-        file.close()
-    return found
+def _scans(path: Path, file: Any, only: int | None) -> list[RawScan]:
+    numbers = range(file.scan_count) if only is None else [only]
+    headers = [file.get_header(number) for number in numbers]
+    check_swelling(path, sum(24 * max(header.point_count, 0) for header in headers))
+    return [_scan(path, file.image_file, header) for header in headers]
 
 
 def _scan(path: Path, image: Any, header: Any) -> RawScan:
@@ -70,12 +94,13 @@ def _scan(path: Path, image: Any, header: Any) -> RawScan:
     if axes is None:
         raise InputError(f"{path}: expected points in cartesian or spherical coordinates, got others")
     points = _points(path, image, header, axes)
+    taken = _taken(header.node)
     if not header.has_pose():
-        return RawScan(points)
+        return RawScan(points, taken=taken)
     points, none = returned(points)  # in the sensor's frame, where their zero is
     position, rotation, remarks = _pose(header.node)
     to_world(points, rotation, position)
-    return RawScan(points, position, rotation, (*remarks, *none), in_world=True)
+    return RawScan(points, position, rotation, (*remarks, *none), in_world=True, taken=taken)
 
 
 def _points(path: Path, image: Any, header: Any, axes: tuple[str, ...]) -> np.ndarray:
@@ -113,6 +138,13 @@ def _cartesian(block: np.ndarray, axes: tuple[str, ...]) -> np.ndarray:
     distance, azimuth, elevation = block.T
     level = distance * np.cos(elevation)
     return np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)])
+
+
+def _taken(node: Any) -> str | None:
+    """When the scan began, as far as the file says so."""
+    if not (node.isDefined("acquisitionStart") and node["acquisitionStart"].isDefined("dateTimeValue")):
+        return None
+    return from_gps(float(node["acquisitionStart"]["dateTimeValue"].value()))
 
 
 def _pose(node: Any) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:

@@ -3,12 +3,15 @@
 The header is checked before laspy sees it, which counts for minutes to a number of records that are not there.
 """
 
+import contextlib
 import struct
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jaxmm.formats.dates import from_day
 from jaxmm.formats.laz_chunks import check_chunks
 from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling
 from jaxmm.inputs import InputError
@@ -66,7 +69,15 @@ def _believed(path: Path, file: Any) -> RawScan:
     if not kept:
         raise InputError(f"{path}: expected points, got {found}, all withheld or noise")
     told = f"{found - kept} of {found} points are withheld or noise, as the file says, and are left out"
-    return RawScan(points[:kept], remarks=(told,) if kept < found else ())
+    taken = from_day(_created(file.header))
+    return RawScan(points[:kept], remarks=(told,) if kept < found else (), taken=taken)
+
+
+def _created(header: Any) -> date | None:
+    """The day that the header states; None without one, and where its day of the year is none."""
+    with contextlib.suppress(ValueError, OverflowError):
+        return header.creation_date
+    return None
 
 
 def _check_header(path: Path) -> None:

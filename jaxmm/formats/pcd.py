@@ -38,7 +38,12 @@ def read_pcd(path: Path) -> list[RawScan]:
             check_count(path, count)
             check_swelling(path, count * header.record)
             blocks = _unpacked(path, file, header)
-        return [RawScan(filled(path, count, blocks), *_pose(header.viewpoint))]
+        points = filled(path, count, blocks)
+        points += header.offset
+        position, rotation = _pose(header.sensor or header.viewpoint)
+        if position is not None:
+            position = position + header.offset
+        return [RawScan(points, position, rotation, in_world=header.sensor is not None)]
 
 
 def _kind(header: PcdHeader) -> np.dtype:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.formats.cloud_files import OFFSET, SENSOR, numbers_after
 from jaxmm.formats.raw_scans import axes_of
 from jaxmm.inputs import InputError
 
@@ -31,6 +32,8 @@ class PcdHeader(NamedTuple):
     points: int
     viewpoint: list[float]  # (7,) position, and quaternion w, x, y, z
     data: str  # one of DATA
+    offset: list[float]  # (3,) to be added to all coordinates, as files of ours say in a comment
+    sensor: list[float] | None  # (7,) as `viewpoint`, of points that are in the world, in the same manner
 
     @property
     def record(self) -> int:
@@ -53,7 +56,7 @@ def read_pcd_header(path: Path, file: io.BufferedReader) -> PcdHeader:
     Raises:
         InputError: no header with FIELDS and DATA, or one that contradicts itself or has no x, y and z.
     """
-    told, number = {}, 0
+    told, number, offset, sensor = {}, 0, [0.0] * 3, None
     while "DATA" not in told:
         raw = file.readline(LONGEST_LINE)
         number += 1
@@ -62,6 +65,11 @@ def read_pcd_header(path: Path, file: io.BufferedReader) -> PcdHeader:
         words = raw.decode("ascii", "replace").split()
         if words and words[0] in WORDS:
             told[words[0]] = (number, words[1:])
+        elif words[:1] == ["#"]:
+            offset, sensor = (
+                numbers_after(OFFSET, words[1:], 3) or offset,
+                numbers_after(SENSOR, words[1:], 7) or sensor,
+            )
     names = told.get("FIELDS", told.get("COLUMNS", (0, [])))[1]
     sizes, counts = _wholes(path, told, "SIZE", [4] * len(names)), _wholes(path, told, "COUNT", [1] * len(names))
     types = told.get("TYPE", (0, ["F"] * len(names)))[1]
@@ -77,7 +85,9 @@ def read_pcd_header(path: Path, file: io.BufferedReader) -> PcdHeader:
     data = " ".join(told["DATA"][1])
     if data.lower() not in DATA:
         raise InputError(f"{path}: line {told['DATA'][0]}: expected DATA {', '.join(DATA)}, got {data[:80]!r}")
-    found = PcdHeader(sizes, counts, axes, kinds, _count(path, told), _viewpoint(path, told), data.lower())
+    found = PcdHeader(
+        sizes, counts, axes, kinds, _count(path, told), _viewpoint(path, told), data.lower(), offset, sensor
+    )
     if found.record > LARGEST_RECORD:
         raise InputError(f"{path}: expected points of at most {LARGEST_RECORD} bytes, its header promises larger ones")
     return found

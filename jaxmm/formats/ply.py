@@ -25,7 +25,7 @@ def read_ply(path: Path) -> list[RawScan]:
         InputError: no whole header; no vertices, or without x, y and z; fewer of them than promised.
     """
     with open(path, "rb") as file:
-        elements, order = read_header(path, file)
+        elements, order, offset = read_header(path, file)
         place = next((place for place, element in enumerate(elements) if element.name == "vertex"), None)
         axes = None if place is None else axes_of(elements[place].plain_names())
         if axes is None:
@@ -43,7 +43,9 @@ def read_ply(path: Path) -> list[RawScan]:
         else:
             file.seek(sum(element.count * element.kind().itemsize for element in before), io.SEEK_CUR)
             blocks = records(file, vertex.kind(), vertex.count, tuple(f"f{axis}" for axis in axes))
-        return [RawScan(filled(path, vertex.count, blocks))]
+        points = filled(path, vertex.count, blocks)
+        points += offset
+        return [RawScan(points)]
 
 
 def _text_points(

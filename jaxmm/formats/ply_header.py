@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.formats.cloud_files import OFFSET, numbers_after
 from jaxmm.formats.raw_scans import BLOCK, MOST_POINTS
 from jaxmm.inputs import InputError
 
@@ -105,15 +106,17 @@ class Element(NamedTuple):
             yield np.array(places, np.int64), at
 
 
-def read_header(path: Path, file: io.BufferedReader) -> tuple[list[Element], str]:
-    """The elements of a file, and its byte order: "<", ">", or "" of text. The file is then at its first row.
+def read_header(path: Path, file: io.BufferedReader) -> tuple[list[Element], str, list[float]]:
+    """The elements of a file; its byte order: "<", ">", or "" of text; and what is to be added to its coordinates.
+
+    The last (3,) is told by comments of our own files. The file is then at its first row.
 
     Raises:
         InputError: no header, or a line in it that says nothing of PLY.
     """
     if file.readline(LONGEST_LINE).strip() != b"ply":
         raise InputError(f"{path}: expected a PLY file, with a header from `ply` to `end_header`, found none")
-    elements, order, number = [], None, 1
+    elements, order, number, offset = [], None, 1, [0.0] * 3
     while file.tell() < LONGEST_HEADER:
         raw = file.readline(LONGEST_LINE)
         number += 1
@@ -123,11 +126,13 @@ def read_header(path: Path, file: io.BufferedReader) -> tuple[list[Element], str
         if words[:1] == ["end_header"]:
             if order is None:
                 raise _wrong(path, number, "format ascii, binary_little_endian or binary_big_endian before", words)
-            return elements, order
+            return elements, order, offset
         if words[:1] == ["format"]:
             order = ORDERS.get("".join(words[1:2]))
             if order is None:
                 raise _wrong(path, number, "PLY that is ascii, binary_little_endian or binary_big_endian", words)
+        elif words[:1] == ["comment"]:
+            offset = numbers_after(OFFSET, words[1:], 3) or offset
         elif words[:1] == ["element"]:
             elements.append(_element(path, number, words))
         elif words[:1] == ["property"]:

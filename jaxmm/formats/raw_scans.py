@@ -27,6 +27,7 @@ class RawScan(NamedTuple):
     remarks: tuple[str, ...] = ()
     in_world: bool = False  # the reader took the points from the sensor's frame to the world by that pose
     frame: str | None = None  # "sensor" or "optical", where the format says what the frame of the sensor is
+    taken: str | None = None  # when, as of `dates`; None where the format or the file does not say
 
 
 def check_count(path: Path, count: int, least_bytes: float = 0.0) -> None:

@@ -50,9 +50,10 @@ class PointScan(NamedTuple):
     remarks: tuple[str, ...]  # what was left out, in words
     in_world: bool = False  # the file's points are in the sensor's frame, and were taken to the world by that pose
     frame: str | None = None  # "sensor" or "optical" where the file says what its points' own frame is; None: untold
+    taken: str | None = None  # when, as of `dates`; None where the file does not say
 
 
-def read_scans(path: Path | str, topic: str | None = None) -> list[PointScan]:
+def read_scans(path: Path | str, topic: str | None = None, only: int | None = None) -> list[PointScan]:
     """All scans of a file, or of a folder of depth images; one, but for these, E57, PTX, PTS and bags.
 
     Scans without points beside others are left out, and the first one's remarks say so.
@@ -60,13 +61,14 @@ def read_scans(path: Path | str, topic: str | None = None) -> list[PointScan]:
     Args:
         path: of the file or folder.
         topic: of the clouds in a bag; None: the only one. Other files have none.
+        only: number of one of the scans in an E57 file; None: all.
 
     Raises:
         InputError: one line that names the file and what is wrong with it: missing, of an unknown ending, of another
             format than its ending says, truncated, without points, or without a library to read it.
     """
     path = Path(path)
-    reader = _reader(path, topic)
+    reader = _reader(path, topic) if only is None else functools.partial(read_e57, only=only)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
@@ -135,7 +137,7 @@ def _checked(path: Path, raw: RawScan) -> PointScan:
         raise NoPoints(f"{path}: expected points in space, got {len(points)} times the same one")
     posed = raw.position is not None and np.isfinite(raw.position).all() and np.isfinite(raw.rotation).all()
     position, rotation = (raw.position, raw.rotation) if posed else (None, None)
-    return PointScan(points, position, rotation, (*remarks, *told), posed and raw.in_world, raw.frame)
+    return PointScan(points, position, rotation, (*remarks, *told), posed and raw.in_world, raw.frame, raw.taken)
 
 
 def _line(error: Exception) -> str:

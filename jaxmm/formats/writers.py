@@ -1,8 +1,8 @@
-"""Scan files: one scan, written as a point cloud (PLY, PCD, E57, CSV) or with its misses (NPZ), whole or not at all.
+"""Scan files: one scan as a point cloud (PLY, PCD, E57, LAS, LAZ, CSV) or with its misses (NPZ), whole or not at all.
 
-P rays, N of them with a return. World frame: metres, z up. Text and double precision keep national-grid coordinates.
-A point cloud holds the N returns with the element of each, and but for CSV its class and intensity; E57 the GlobalIds
-of the elements as well. Only NPZ holds the rays without a return, and the incidence.
+P rays, N of them with a return. World frame: metres, z up. All keep national-grid coordinates; PLY and PCD write a
+second file then, see cloud_files. A point cloud holds the N returns with the element of each, and but for CSV its class
+and intensity; E57 the GlobalIds of the elements as well. Only NPZ holds the rays without a return, and the incidence.
 """
 
 import errno
@@ -13,10 +13,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from jaxmm.files import write_arrays, write_atomically, write_text
+from jaxmm.formats.cloud_files import Sensor, offset_of, write_pcd, write_ply
 from jaxmm.inputs import CSV_COLUMNS, InputError, one_line
 
-PCD_SINGLE = 4096.0  # [m] coordinates that single precision holds to a quarter of a millimetre
-_PLY_KINDS = {"<f8": "double", "<f4": "float", "<i4": "int", "|u1": "uchar"}
+LAS_SCALE = 1e-4  # [m] of its whole numbers, which reach 214 km from its offset
+LIGHTEST = 65535  # of the intensity in LAS
+INVALID = "cartesianInvalidState"  # of E57: 0 valid, 1 a direction only, 2 nothing
 E57_EXTENSION = "urn:jaxmm:e57:element"  # names what jaxmm: stands for in an E57 file
 
 
@@ -63,16 +65,20 @@ def check_format(path: Path) -> None:
     if path.suffix.lower() not in WRITERS:
         raise InputError(f"{path}: expected a file ending in {', '.join(WRITERS)}, got {path.suffix or 'no ending'}")
     try:
-        if path.suffix.lower() == ".pcd":
-            import pypcd4  # noqa: F401
+        if path.suffix.lower() in (".las", ".laz"):
+            import laspy  # noqa: F401
+            import lazrs  # noqa: F401
         if path.suffix.lower() == ".e57":
             import pye57  # noqa: F401
     except ImportError as error:
         raise InputError(f"{path}: needs the extra formats: pip install 'jaxmm[formats]'") from error
 
 
-def write_scan(path: Path | str, scan: SensorScan) -> None:
+def write_scan(path: Path | str, scan: SensorScan) -> tuple[Path, ...]:
     """Write a scan in the format that the ending of the path names.
+
+    Returns:
+        The files that were written: the path, and the moved one of PLY and PCD far from the origin.
 
     Raises:
         InputError: an unknown ending, or one whose library is not installed; no return at all.
@@ -82,40 +88,51 @@ def write_scan(path: Path | str, scan: SensorScan) -> None:
     check_format(path)
     if not np.isfinite(scan.distance).any() and path.suffix.lower() != ".npz":
         raise InputError(f"{path}: the scan has no return to write: every ray missed")
-    WRITERS[path.suffix.lower()](path, scan)
+    return WRITERS[path.suffix.lower()](path, scan) or (path,)
 
 
-def _write_ply(path: Path, scan: SensorScan) -> None:
-    """Binary, with double coordinates: the writers at hand round them to float32."""
-    hit, points = np.isfinite(scan.distance), world_points(scan)
-    fields = [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("element", "<i4"), ("semantic", "u1"), ("intensity", "<f4")]
-    table = np.zeros(len(points), fields)
-    for axis, name in enumerate("xyz"):
-        table[name] = points[:, axis]
-    for name in ("element", "semantic", "intensity"):
-        table[name] = getattr(scan, name)[hit]
-    write_ply_table(path, table)
+def _write_ply(path: Path, scan: SensorScan) -> tuple[Path, ...]:
+    fields = {f"scalar_{name}": values for name, values in _fields(scan).items()}
+    return write_ply(path, world_points(scan), fields, ["metres, z up"])
 
 
-def write_ply_table(path: Path, table: np.ndarray) -> None:
-    """Write a structured array (N,) as the vertices of a binary PLY file: fields of <f8, <f4, <i4 and u1."""
-    properties = "".join(f"property {_PLY_KINDS[kind.str]} {name}\n" for name, (kind, _) in table.dtype.fields.items())
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(table)}\n{properties}end_header\n"
-    write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))
+def _write_pcd(path: Path, scan: SensorScan) -> tuple[Path, ...]:
+    sensor = Sensor(np.asarray(scan.position, np.float64), _quaternion(scan.rotation))
+    return write_pcd(path, world_points(scan), _fields(scan), sensor)
 
 
-def _write_pcd(path: Path, scan: SensorScan) -> None:
-    """World coordinates in single precision where that is exact to a quarter of a millimetre, as not all readers know
-    doubles; VIEWPOINT is the sensor's pose in the same frame."""
-    from pypcd4 import PointCloud
+def _fields(scan: SensorScan) -> dict[str, np.ndarray]:
+    """(N,) of the returns, by name: int32, uint8 and float32."""
+    hit = np.isfinite(scan.distance)
+    return {name: getattr(scan, name)[hit] for name in ("element", "semantic", "intensity")}
 
-    hit, points = np.isfinite(scan.distance), world_points(scan)
-    columns = [*points.T, scan.element[hit], scan.semantic[hit], scan.intensity[hit]]
-    names = ("x", "y", "z", "element", "semantic", "intensity")
-    coordinate = np.float32 if np.abs(points).max() < PCD_SINGLE else np.float64
-    cloud = PointCloud.from_points(columns, names, (*[coordinate] * 3, np.int32, np.uint8, np.float32))
-    cloud.metadata.viewpoint = tuple(float(value) for value in (*scan.position, *_quaternion(scan.rotation)))
-    write_atomically(path, cloud.save)
+
+def _write_las(path: Path, scan: SensorScan) -> None:
+    """Version 1.2, which all readers know, in steps of LAS_SCALE; element and semantic as extra bytes.
+
+    Intensity has whole numbers only: LIGHTEST is the lightest point of the scan.
+    """
+    import laspy
+
+    points, fields = world_points(scan), _fields(scan)
+    header = laspy.LasHeader(version="1.2", point_format=0)
+    header.offsets, header.scales = offset_of(points), np.full(3, LAS_SCALE)
+    header.generating_software, header.system_identifier = "jaxmm", "jaxmm scan"
+    for name in ("element", "semantic"):
+        header.add_extra_dim(laspy.ExtraBytesParams(name=name, type=fields[name].dtype))
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = points.T
+    light = fields["intensity"].astype(np.float64)
+    cloud.intensity = np.round(light * (LIGHTEST / max(float(light.max()), 1e-12))).clip(0, LIGHTEST).astype(np.uint16)
+    cloud.return_number[:] = cloud.number_of_returns[:] = 1
+    for name in ("element", "semantic"):
+        cloud[name] = fields[name]
+
+    def write(temporary: Path) -> None:
+        with open(temporary, "wb") as file:
+            cloud.write(file, do_compress=path.suffix.lower() == ".laz")
+
+    write_atomically(path, write)
 
 
 def _write_e57(path: Path, scan: SensorScan) -> None:
@@ -134,6 +151,7 @@ def _write_e57(path: Path, scan: SensorScan) -> None:
     # The one integer that pye57 reads as what it is: it takes every other long for one of 32 bits.
     columns["jaxmm:element"] = scan.element[hit].astype(np.longlong)
     columns["jaxmm:semantic"] = scan.semantic[hit].astype(np.longlong)
+    columns[INVALID] = np.zeros(len(points), np.longlong)  # all are valid; pye57 refuses scans that do not say so
 
     def write(temporary: Path) -> None:
         try:
@@ -173,7 +191,7 @@ def _add_e57_scan(file: Any, scan: SensorScan, columns: dict[str, np.ndarray]) -
         guids.append(libe57.StringNode(image, guid))
     prototype, buffers = libe57.StructureNode(image), libe57.VectorSourceDestBuffer()
     for name, column in columns.items():
-        low, high = column.min().item(), column.max().item()
+        low, high = (0, 2) if name == INVALID else (column.min().item(), column.max().item())
         if column.dtype == np.longlong:
             field = libe57.IntegerNode(image, low, low, high)
         else:
@@ -190,11 +208,11 @@ def _add_e57_scan(file: Any, scan: SensorScan, columns: dict[str, np.ndarray]) -
 
 
 def _write_csv(path: Path, scan: SensorScan) -> None:
-    """The thesis's layout; categoryID is the element."""
+    """The thesis's columns, split by commas as in all tables of ours; categoryID is the element."""
     hit = np.isfinite(scan.distance)
-    rows = zip(world_points(scan).tolist(), scan.element[hit].tolist(), strict=True)
-    lines = [f"{x:.6f};{y:.6f};{z:.6f};{element}" for (x, y, z), element in rows]
-    write_text(path, "\n".join([";".join(CSV_COLUMNS), *lines]) + "\n")
+    rows = zip((world_points(scan) + 0.0).tolist(), scan.element[hit].tolist(), strict=True)
+    lines = [f"{x:.6f},{y:.6f},{z:.6f},{element}" for (x, y, z), element in rows]
+    write_text(path, "\n".join([",".join(CSV_COLUMNS), *lines]) + "\n")
 
 
 def _write_npz(path: Path, scan: SensorScan) -> None:
@@ -211,6 +229,7 @@ def _write_npz(path: Path, scan: SensorScan) -> None:
             "origin": np.asarray(scan.position, np.float64),
             "rotation": np.asarray(scan.rotation, np.float64),
             **{name: np.array(getattr(scan.elements, name)) for name in ("guid", "ifc_class", "name", "storey")},
+            "element_file": np.array(scan.elements.file),
         },
     )
 
@@ -223,4 +242,7 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
     return np.array([w, x, y, z])
 
 
-WRITERS = {".ply": _write_ply, ".pcd": _write_pcd, ".e57": _write_e57, ".csv": _write_csv, ".npz": _write_npz}
+WRITERS = {
+    ".ply": _write_ply, ".pcd": _write_pcd, ".e57": _write_e57, ".las": _write_las, ".laz": _write_las,
+    ".csv": _write_csv, ".npz": _write_npz,
+}  # fmt: skip

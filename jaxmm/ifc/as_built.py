@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 from jaxmm.ifc.draft import Draft, open_draft
 from jaxmm.ifc.placements import new_axes, own_matrix, world_matrix
 from jaxmm.ifc.removal import belongings, hanging_on
+from jaxmm.ifc.shares import Share
+from jaxmm.ifc.text_edits import Edit
 from jaxmm.ifc.undo import AS_BUILT, AS_BUILT_UNDO, write_with_undo
 from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict
 from jaxmm.verdicts.verdicts import DISPLACED
@@ -23,7 +25,7 @@ STILL = np.eye(4)
 SAME = 1e-9  # by which entries of matrices may differ that are called equal
 
 
-def write_as_built(prior: Path, detection: Detection, out: Path) -> tuple[str, ...]:
+def write_as_built(prior: Path, detection: Detection | Share, out: Path) -> tuple[str, ...]:
     """Write AS_BUILT and its undo to the folder `out`, both whole or neither; nothing while a scan is in doubt.
 
     Args:
@@ -41,6 +43,18 @@ def write_as_built(prior: Path, detection: Detection, out: Path) -> tuple[str, .
     """
     if detection.doubts:
         return (NOT_WRITTEN,)
+    edited, notes = model_as_built(prior, detection)
+    write_with_undo(out, *edited, AS_BUILT, AS_BUILT_UNDO)
+    return notes
+
+
+def model_as_built(
+    prior: Path, detection: Detection | Share, to_world: np.ndarray = STILL
+) -> tuple[tuple[bytes, bytes, list[Edit]], tuple[str, ...]]:
+    """What `write_as_built` writes: the text of the file, the same edited, and the edits; and what it returns.
+
+    `to_world` leads from the file's own frame, in metres, to that of the detection.
+    """
     from ifcopenshell.util.unit import calculate_unit_scale
 
     original, draft = open_draft(prior)
@@ -53,26 +67,25 @@ def write_as_built(prior: Path, detection: Detection, out: Path) -> tuple[str, .
         if one.deviation is None:
             continue
         found = products.get(one.guid, [])
-        motion = motion_of(detection.drawing, one, unit) if one.verdict == DISPLACED else STILL
+        motion = motion_of(detection.drawing, one, unit, to_world) if one.verdict == DISPLACED else STILL
         if len(found) == 1 and motion is not None:
             moves.measured(found[0], motion)
         elif one.verdict == DISPLACED:
             why = "it has no shape" if len(found) == 1 else f"the file has it {len(found)} times"
             notes.append(f"{AS_BUILT}: {one.ifc_class} {one.guid} stays: {why}")
     notes += moves.write()
-    updated, edits = draft.text(original, prior)
-    write_with_undo(out, original, updated, edits, AS_BUILT, AS_BUILT_UNDO)
-    return tuple(notes)
+    return (original, *draft.text(original, prior)), tuple(notes)
 
 
-def motion_of(drawing: Drawing, one: ElementVerdict, unit: float) -> np.ndarray | None:
-    """(4, 4) from where the model has an element to where it stands, world frame; None where it has no shape.
+def motion_of(drawing: Drawing, one: ElementVerdict, unit: float, to_world: np.ndarray = STILL) -> np.ndarray | None:
+    """(4, 4) from where the model has an element to where it stands, file's own frame; None where it has no shape.
 
-    `unit` is the length [m] of the file's unit.
+    `unit` is the length [m] of the file's unit; `to_world` leads from that frame, in metres, to the drawing's.
     """
-    if drawing.faces is None or one.guid not in drawing.guid:
+    row = drawing.rows().get(one.key)
+    if drawing.faces is None or row is None:
         return None
-    used = drawing.faces[drawing.face_element == drawing.guid.index(one.guid)]
+    used = drawing.faces[drawing.face_element == row]
     if not len(used):
         return None
     corners = drawing.vertices[used].reshape(-1, 3).astype(np.float64)
@@ -80,7 +93,10 @@ def motion_of(drawing: Drawing, one: ElementVerdict, unit: float) -> np.ndarray 
     turn = Rotation.from_rotvec(one.deviation.turned).as_matrix()
     motion = np.eye(4)
     motion[:3, :3] = turn
-    motion[:3, 3] = (middle + one.deviation.offset - turn @ middle) / unit
+    motion[:3, 3] = middle + one.deviation.offset - turn @ middle
+    if to_world is not STILL:
+        motion = np.linalg.solve(to_world, motion @ to_world)
+    motion[:3, 3] /= unit
     return motion
 
 

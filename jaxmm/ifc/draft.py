@@ -10,6 +10,7 @@ from jaxmm.ifc.text_edits import Edit, edit_text
 from jaxmm.ifc.undo import sha256
 from jaxmm.inputs import InputError, one_line
 from warp_scanner.buildings.ifc_model import import_ifcopenshell
+from warp_scanner.buildings.ifc_zips import ifc_text, plain_file
 
 SOFTWARE = "jaxmm"
 _FAMILY = uuid.UUID("0d8a1f3e-9d1c-5d0b-8f0e-3c5a6a1d7b42")  # GlobalIds are names in this family
@@ -108,7 +109,7 @@ class Draft:
 
 
 def open_draft(prior: Path, when: datetime | None = None) -> tuple[bytes, Draft]:
-    """The text of an IFC file, and its model to edit; `when` is now unless it is given.
+    """The text of an IFC file, unpacked, and its model to edit; `when` is now unless it is given.
 
     Raises:
         InputError: it cannot be read.
@@ -116,8 +117,9 @@ def open_draft(prior: Path, when: datetime | None = None) -> tuple[bytes, Draft]
     """
     ifcopenshell = import_ifcopenshell()
     try:
-        original = prior.read_bytes()
-        model = ifcopenshell.open(str(prior))
+        original = ifc_text(prior)
+        with plain_file(prior) as plain:
+            model = ifcopenshell.open(str(plain))
     except OSError as error:
         raise InputError(f"{prior}: cannot be read: {error.strerror}") from error
     except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas

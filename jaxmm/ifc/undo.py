@@ -14,7 +14,8 @@ from jaxmm.inputs import InputError
 
 UPDATED, UNDO = "updated.ifc", "undo.json"
 AS_BUILT, AS_BUILT_UNDO = "as_built.ifc", "as_built.undo.json"
-_FORMAT = "jaxmm undo 1"
+UPDATED_FILES, AS_BUILT_FILES = "updated", "as_built"  # folders of a model that is in several files
+_FORMAT, _OF_SEVERAL = "jaxmm undo 1", "jaxmm undo 2"
 
 
 def sha256(data: bytes) -> str:
@@ -31,18 +32,7 @@ def write_with_undo(
         InputError: a folder or a device stands where one of them would be.
         OSError: one of them cannot be written.
     """
-    if take_back(updated, edits) != original:
-        raise AssertionError("the edits must lead back to the original")
-    undo = {
-        "format": _FORMAT,
-        "updated_sha256": sha256(updated),
-        "original_sha256": sha256(original),
-        # Latin-1 has one character for every byte, so any encoding of the file survives in JSON.
-        "edits": [
-            {"start": edit.start, "length": edit.length, "before": edit.before.decode("latin-1")} for edit in edits
-        ],
-    }
-
+    undo = {"format": _FORMAT} | _way_back(original, updated, edits)
     written = []
 
     def write(temporary: Path) -> None:
@@ -58,11 +48,46 @@ def write_with_undo(
         raise
 
 
+def write_one_of_several(path: Path, source: str, original: bytes, updated: bytes, edits: list[Edit]) -> None:
+    """Write one edited file of a model that is in several, and add its way back to the UNDO beside it.
+
+    Args:
+        path: of the edited file; the folder is one that nobody reads yet.
+        source: what the file that was read is called.
+        original: its text.
+        updated: the edited text.
+        edits: from this back to that.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    undo = path.with_name(UNDO)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    known = json.loads(undo.read_text(encoding="utf-8"))["files"] if undo.exists() else {}
+    way_back = {"source": source} | _way_back(original, updated, edits)
+    path.write_bytes(updated)
+    write_json(undo, {"format": _OF_SEVERAL, "files": known | {path.name: way_back}})
+
+
+def _way_back(original: bytes, updated: bytes, edits: list[Edit]) -> dict[str, Any]:
+    if take_back(updated, edits) != original:
+        raise AssertionError("the edits must lead back to the original")
+    return {
+        "updated_sha256": sha256(updated),
+        "original_sha256": sha256(original),
+        # Latin-1 has one character for every byte, so any encoding of the file survives in JSON.
+        "edits": [
+            {"start": edit.start, "length": edit.length, "before": edit.before.decode("latin-1")} for edit in edits
+        ],
+    }
+
+
 def revert(updated: Path | str, out: Path | str) -> None:
     """Give back the very file that an update was made from, byte for byte.
 
     Args:
-        updated: a file that `write_update` or `write_as_built` wrote, with its undo beside it.
+        updated: a file that `write_update` or `write_as_built` wrote, or one of several, with its undo beside it. What
+            was read packed comes back as the plain text.
         out: the new file to write, whole or not at all.
 
     Raises:
@@ -74,7 +99,7 @@ def revert(updated: Path | str, out: Path | str) -> None:
     if out.exists():
         raise InputError(f"{out}: expected the name of a new file, found one that is there")
     undo = updated.with_name(AS_BUILT_UNDO if updated.name == AS_BUILT else UNDO)
-    content = _load(undo)
+    content = _load(undo, updated.name)
     text = _read(updated)
     if sha256(text) != content["updated_sha256"]:
         raise InputError(f"{updated}: expected the file that {undo} was written with, found another or an edited one")
@@ -89,15 +114,22 @@ def revert(updated: Path | str, out: Path | str) -> None:
     write_atomically(out, lambda temporary: temporary.write_bytes(original))
 
 
-def _load(undo: Path) -> dict[str, Any]:
+def _load(undo: Path, name: str) -> dict[str, Any]:
+    """The way back of the file of that name."""
     try:
         content = json.loads(_read(undo))
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{undo}: expected what `jaxmm detect` wrote beside its models, found it damaged") from error
-    wanted = ("format", "updated_sha256", "original_sha256", "edits")
-    if not isinstance(content, dict) or content.get("format") != _FORMAT or any(key not in content for key in wanted):
+    form = content.get("format") if isinstance(content, dict) else None
+    if form == _OF_SEVERAL and isinstance(content.get("files"), dict):
+        files = content["files"]
+        if name not in files:
+            raise InputError(f"{undo}: expected to hold the way back of {name}, found those of {', '.join(files)}")
+        content = files[name]
+    wanted = ("updated_sha256", "original_sha256", "edits")
+    if form not in (_FORMAT, _OF_SEVERAL) or not isinstance(content, dict) or any(key not in content for key in wanted):
         raise InputError(f"{undo}: expected JSON of the format {_FORMAT!r}, found something else")
     return content
 

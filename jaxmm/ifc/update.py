@@ -1,8 +1,8 @@
 """`updated.ifc`: the building model with what a detection found written into it.
 
-Removed elements are marked, or deleted when asked; occluded and displaced ones are marked; added objects become walls
-and columns. Every element whose place was measured is told how far off it is. All others are not touched, and the file
-that was read is never written to.
+Removed elements are marked and painted, or deleted when asked; occluded and displaced ones are marked; added objects
+become painted walls and columns. Every element whose place was measured is told how far off it is. All others are not
+touched, and the file that was read is never written to.
 """
 
 import math
@@ -10,11 +10,16 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from jaxmm.ifc.colours import ADDED as PAINT_ADDED
+from jaxmm.ifc.colours import REMOVED as PAINT_REMOVED
+from jaxmm.ifc.colours import Painter
 from jaxmm.ifc.deviations import told_of, units_of
 from jaxmm.ifc.draft import Draft, open_draft
 from jaxmm.ifc.marks import DEMOLISH, DEVIATION_SET, NEW, mark, set_status, set_uncertainty
 from jaxmm.ifc.new_elements import add_object, contain, flaw_of, ground_of
 from jaxmm.ifc.removal import delete, hanging_on
+from jaxmm.ifc.shares import Share
+from jaxmm.ifc.text_edits import Edit
 from jaxmm.ifc.undo import UPDATED, write_with_undo
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import sentence
@@ -32,11 +37,12 @@ class UpdateSummary(NamedTuple):
     removed: tuple[str, ...]  # elements of removed mismatches: marked, or deleted; the notes name what was not
     occluded: tuple[str, ...]  # elements marked as occluded
     added: tuple[str, ...]  # new elements, in the order of the mismatches
+    of_mismatch: dict[int, str]  # the same by their place among the mismatches
     notes: tuple[str, ...]  # what could not be done, or must be known, a sentence each
 
 
 def write_update(
-    prior: Path, detection: Detection, out: Path, *, apply: bool = False, when: datetime | None = None
+    prior: Path, detection: Detection | Share, out: Path, *, apply: bool = False, when: datetime | None = None
 ) -> UpdateSummary:
     """Write `updated.ifc` and `undo.json` to the folder `out`, both whole or neither.
 
@@ -57,6 +63,15 @@ def write_update(
     """
     if (out / UPDATED).resolve() == prior.resolve():
         raise InputError(f"{out}: expected another folder than that of {prior}, which must stay as it is")
+    edited, summary = edited_model(prior, detection, apply=apply, when=when)
+    write_with_undo(out, *edited)
+    return UpdateSummary(out / UPDATED, *summary)
+
+
+def edited_model(
+    prior: Path, detection: Detection | Share, *, apply: bool = False, when: datetime | None = None
+) -> tuple[tuple[bytes, bytes, list[Edit]], tuple]:
+    """What `write_update` writes: the text of the file, the same edited, and the edits; and the rest of its summary."""
     original, draft = open_draft(prior, when)
     update = _Update(draft, detection)
     if apply and detection.doubts:
@@ -68,24 +83,21 @@ def write_update(
     update.add()
     if apply:
         update.delete_removed()
-    updated, edits = draft.text(original, prior)
-    write_with_undo(out, original, updated, edits)
-    return UpdateSummary(
-        out / UPDATED, tuple(update.removed), tuple(update.occluded), tuple(update.added), tuple(update.notes)
-    )
+    told = (update.removed, update.occluded, update.added.values())
+    return (original, *draft.text(original, prior)), (*map(tuple, told), update.added, tuple(update.notes))
 
 
 class _Update:
     """One detection on its way into one model."""
 
-    def __init__(self, draft: Draft, detection: Detection):
+    def __init__(self, draft: Draft, detection: Detection | Share):
         self.draft, self.detection = draft, detection
         self.removed: dict[str, Any] = {}
         self.kept: set[str] = set()  # of those, what is never deleted
         self.occluded: dict[str, Any] = {}
-        self.added: dict[str, Any] = {}
+        self.added: dict[int, str] = {}  # GlobalIds by place among the mismatches
         self.notes: list[str] = []
-        self._doubts = detection.doubts
+        self._doubts, self._painter = detection.doubts, Painter(draft)
         self._verdicts = {one.guid: one for one in detection.elements}
         # Not by the library's index: that finds no GlobalId that is malformed.
         self._entities: dict[str, list[Any]] = {}
@@ -111,6 +123,7 @@ class _Update:
             if one.element in self.kept or not apply:
                 self._mark(element, REMOVED, one.probability, ObservableFraction=_known(one.observable_fraction))
                 set_status(self.draft, element, DEMOLISH)
+                self._paint(element, PAINT_REMOVED)
         for one in self.detection.elements:
             if one.verdict == REMOVED and one.guid not in self.removed:
                 self._mark_verdict(one)
@@ -157,7 +170,8 @@ class _Update:
                 MovedFrom=self._origin(one),
             )  # fmt: skip
             set_status(self.draft, element, NEW)
-            self.added[element.GlobalId] = element
+            self._paint(element, PAINT_ADDED)
+            self.added[number - 1] = element.GlobalId
             if storey is None:
                 self.notes.append(f"{what} is on no storey: the file has none, no building and no site")
             else:
@@ -178,6 +192,10 @@ class _Update:
                 what += " and marked"
             self.notes.append(what)
         delete(self.draft, going)
+
+    def _paint(self, element: Any, name: str) -> None:
+        if not self._painter.paint(element, name):
+            self.notes.append(f"{_named(element)} keeps its colour: its shape is that of other elements, too")
 
     def _mark_verdict(self, one: ElementVerdict) -> bool:
         element = self._find(one.guid, f"an element called {one.verdict}")

@@ -10,8 +10,8 @@ import dataclasses
 from typing import Literal, NamedTuple
 
 import numpy as np
-from sklearn.cluster import DBSCAN
 
+from jaxmm.learning.density_clusters import density_clusters
 from jaxmm.learning.upright_shapes import faces_of
 
 ObjectType = Literal["pillar", "wall"]
@@ -172,10 +172,9 @@ def clusters_of_changed(
         changed = changed[~_on_surface(points[changed], floor, ceiling, settings)]
     if len(changed) == 0:
         return []
-    # A point on the edge of two clusters goes to whichever DBSCAN meets first, so the order must not be the caller's.
+    # A point on the edge of two clusters goes to whichever is met first, so the order must not be the caller's.
     changed = changed[np.lexsort(points[changed].T)]
-    search = DBSCAN(eps=settings.cluster_radius, min_samples=settings.cluster_neighbours)
-    label = search.fit_predict(points[changed])
+    label = density_clusters(points[changed], settings.cluster_radius, settings.cluster_neighbours)
     clusters = [changed[label == index] for index in range(label.max() + 1)]
     if settings.trim_z and settings.trim_when == "after":
         clusters = [members[~_on_surface(points[members], floor, ceiling, settings)] for members in clusters]

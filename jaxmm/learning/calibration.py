@@ -10,8 +10,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from sklearn.isotonic import IsotonicRegression
 
 KNOTS = 32
 BINS = 400  # of equally many points, whose rates isotonic regression smooths
@@ -90,6 +88,8 @@ def brier(sums: Reliability) -> float:
 
 
 def _temperature(logit: np.ndarray, label: np.ndarray) -> Calibration:
+    from scipy.optimize import minimize_scalar  # slow to import, and whoever only applies a map does without
+
     def loss(exponent: float) -> float:
         return _log_loss(logit / np.exp(exponent), label)
 
@@ -99,6 +99,8 @@ def _temperature(logit: np.ndarray, label: np.ndarray) -> Calibration:
 
 
 def _isotonic(logit: np.ndarray, label: np.ndarray) -> Calibration:
+    from sklearn.isotonic import IsotonicRegression  # likewise
+
     order = np.argsort(logit, kind="stable")
     parts = [part for part in np.array_split(order, BINS) if len(part)]
     count = np.array([len(part) for part in parts], float)

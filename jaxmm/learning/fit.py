@@ -16,7 +16,8 @@ from jaxmm.config import TRAINED_METHODS, Config
 from jaxmm.learning.batches import Batch, Sampler
 from jaxmm.learning.joint_training import Joint
 from jaxmm.learning.loading import batches
-from jaxmm.learning.train_step import Model, TrainState, Validation, init_all, train_step_all, validate_all
+from jaxmm.learning.model import Model
+from jaxmm.learning.train_step import TrainState, Validation, init_all, train_step_all, validate_all
 
 Record = dict[str, Any]  # one validation, as a line of metrics.jsonl
 

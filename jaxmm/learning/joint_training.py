@@ -17,7 +17,8 @@ import numpy as np
 
 from jaxmm.config import SCENARIOS, TRAINED_METHODS, Config
 from jaxmm.learning.batches import Batch, LabelledCloud, Sampler, validation_batch
-from jaxmm.learning.train_step import Model, TrainState, init_all, optimizer
+from jaxmm.learning.model import Model
+from jaxmm.learning.train_step import TrainState, init_all, optimizer
 
 FIRST = "conv1"  # the only layer whose kernel knows the number of features
 

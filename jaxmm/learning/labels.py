@@ -7,7 +7,8 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from sklearn.cluster import DBSCAN
+
+from jaxmm.learning.density_clusters import density_clusters
 
 LABEL_DISTANCE = 0.09  # [m] to the other scan, beyond which a point counts as changed
 
@@ -73,7 +74,7 @@ def filter_labels(
     changed = np.flatnonzero(labels)
     if not len(changed):
         return kept
-    cluster = DBSCAN(eps=settings.radius, min_samples=settings.min_neighbours).fit_predict(points[changed])
+    cluster = density_clusters(points[changed], settings.radius, settings.min_neighbours)
     for number in range(cluster.max() + 1):
         members = changed[cluster == number]
         if _is_object(points[members], element[members], object_type, settings):

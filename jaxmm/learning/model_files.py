@@ -3,18 +3,16 @@
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import safetensors
 import safetensors.numpy
 import tomli_w
-from flax.traverse_util import flatten_dict, unflatten_dict
 
 from jaxmm.config import SCENARIOS, TRAINED_METHODS, Config, parse
 from jaxmm.files import write_atomically
 from jaxmm.inputs import InputError, clipped, one_line
 from jaxmm.learning.calibration import KNOTS, Calibration
-from jaxmm.learning.train_step import Model, init_all
+from jaxmm.learning.model import Model, shapes_of
 from jaxmm.run_folder import MODELS, as_table, read_config
 
 
@@ -23,8 +21,8 @@ def save_models(path: Path, models: dict[str, Model], config: Config) -> None:
 
     Calibrated ones also have `<method>/calibration/logit|calibrated`.
     """
-    nested = {method: jax.tree.map(np.asarray, _as_dict(model)) for method, model in models.items()}
-    tensors = {"/".join(key): np.ascontiguousarray(value) for key, value in flatten_dict(nested).items()}
+    nested = {method: _as_dict(model) for method, model in models.items()}
+    tensors = {"/".join(key): np.ascontiguousarray(value) for key, value in _flat(nested).items()}
     metadata = {"config": tomli_w.dumps(as_table(config))}
     write_atomically(path, lambda temporary: temporary.write_bytes(safetensors.numpy.save(tensors, metadata)))
 
@@ -56,24 +54,47 @@ def load_models(path: Path) -> tuple[dict[str, Model], Config]:
         if kernel is not None and kernel.ndim == 3 and kernel.shape[1] != TRAINED_METHODS[method]:
             wanted = f"{TRAINED_METHODS[method]} features for {method}, got {kernel.shape[1]}"
             raise InputError(f"{path}: expected {wanted}; it was trained by another version, train it again")
-    expected = {
-        method: jax.eval_shape(lambda size=size: _as_dict(init_all(jax.random.key(0), size, config).model))
-        for method, size in TRAINED_METHODS.items()
-        if method in config.train.methods
-    }
-    for method in expected.keys() & set(config.train.calibrate):
-        knots = jax.ShapeDtypeStruct((len(SCENARIOS), KNOTS), np.float32)
-        expected[method] |= {"calibration": Calibration(knots, knots)._asdict()}
-    found = {name: (value.shape, value.dtype) for name, value in tensors.items()}
-    if found != {name: (leaf.shape, leaf.dtype) for name, leaf in flatten_dict(expected).items()}:
-        raise InputError(f"{path}: expected the tensors of {', '.join(expected)} as its settings say, found others")
+    methods = [method for method in TRAINED_METHODS if method in config.train.methods]
+    if {name: (value.shape, value.dtype) for name, value in tensors.items()} != _expected(methods, config):
+        raise InputError(f"{path}: expected the tensors of {', '.join(methods)} as its settings say, found others")
     if not all(np.isfinite(value).all() for value in tensors.values()):
         raise InputError(f"{path}: expected finite numbers, got NaN or infinity")
     models = {}
-    for method, parts in unflatten_dict(tensors).items():
+    for method, parts in _nested(tensors).items():
         knots = parts.pop("calibration", None)
         models[method] = Model(**parts, calibration=knots and Calibration(**knots))
     return models, config
+
+
+def _expected(methods: list[str], config: Config) -> dict[tuple[str, ...], tuple[tuple[int, ...], np.dtype]]:
+    """Shape and type of each tensor of a whole file."""
+    shapes = {
+        (method, *name): shape
+        for method in methods
+        for name, shape in shapes_of(TRAINED_METHODS[method], config.network).items()
+    }
+    calibrated = (method for method in methods if method in config.train.calibrate)
+    shapes |= {(method, "calibration", name): (KNOTS,) for method in calibrated for name in Calibration._fields}
+    return {name: ((len(SCENARIOS), *shape), np.dtype(np.float32)) for name, shape in shapes.items()}
+
+
+def _flat(nested: dict[str, Any]) -> dict[tuple[str, ...], np.ndarray]:
+    """Leaves by the path to each."""
+    flat = {}
+    for name, value in nested.items():
+        below = _flat(value) if isinstance(value, dict) else {(): np.asarray(value)}
+        flat |= {(name, *path): leaf for path, leaf in below.items()}
+    return flat
+
+
+def _nested(flat: dict[tuple[str, ...], np.ndarray]) -> dict[str, Any]:
+    nested: dict[str, Any] = {}
+    for path, leaf in flat.items():
+        place = nested
+        for name in path[:-1]:
+            place = place.setdefault(name, {})
+        place[path[-1]] = leaf
+    return nested
 
 
 def _as_dict(model: Model) -> dict[str, Any]:

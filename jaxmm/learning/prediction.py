@@ -7,9 +7,9 @@ import numpy as np
 
 from jaxmm.config import NetworkConfig
 from jaxmm.inputs import InputError
+from jaxmm.learning.inference import predict
+from jaxmm.learning.model import Model, pick_model
 from jaxmm.learning.model_files import load_models
-from jaxmm.learning.room_scores import pick_model, predict
-from jaxmm.learning.train_step import Model
 from jaxmm.rays.evidence import Frame, View, features_of
 
 EVIDENCE = "evidence"

@@ -2,17 +2,17 @@
 
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
-from jaxmm.config import SCENARIOS, TRAINED_METHODS, Config, NetworkConfig
+from jaxmm.config import TRAINED_METHODS, Config, NetworkConfig
 from jaxmm.learning.batches import LabelledCloud, features_of, labels_of
 from jaxmm.learning.box_match import match_boxes
 from jaxmm.learning.boxes import Box, BoxSettings, fit_boxes
 from jaxmm.learning.calibration import Reliability, reliability
 from jaxmm.learning.metrics import point_metrics
+from jaxmm.learning.model import Model, pick_model
 from jaxmm.learning.result_tables import LABEL_KINDS
-from jaxmm.learning.train_step import Model, probabilities
+from jaxmm.learning.train_step import probabilities
 from jaxmm.rays.rule import RULE, rule_scores
 
 CONTROL = "nn-raw"  # the distance itself, without a network
@@ -50,11 +50,6 @@ def scores_of(cloud: LabelledCloud, scenario: str, models: dict[str, Model], net
         model = pick_model(stacked, scenario)
         scores[method] = predict(model, features_of(method, cloud.points, cloud.distance, cloud.evidence), network)
     return scores
-
-
-def pick_model(stacked: Model, scenario: str) -> Model:
-    """One scenario's model out of the four."""
-    return jax.tree.map(lambda leaf: leaf[SCENARIOS.index(scenario)], stacked)
 
 
 def find_boxes(points: np.ndarray, score: np.ndarray, scenario: str, method: str, config: Config) -> list[Box]:

@@ -12,9 +12,9 @@ import optax
 
 from jaxmm.config import Config, NetworkConfig, TrainConfig
 from jaxmm.learning.batches import Batch
-from jaxmm.learning.calibration import Calibration
 from jaxmm.learning.fused_layers import CLOUDS
 from jaxmm.learning.losses import LossSum, focal_loss
+from jaxmm.learning.model import Model
 from jaxmm.learning.network import PointNetwork, norm_of
 
 # Of XLA's CPU backend for the step: sums by YNNPACK, products by Eigen, which takes a tenth less time than YNNPACK for
@@ -24,14 +24,6 @@ COMPILER_OPTIONS = (
     if jax.__version_info__[:2] == (0, 10)
     else None
 )
-
-
-class Model(NamedTuple):
-    """What a network needs to predict."""
-
-    params: Any  # pytree of float arrays
-    batch_stats: Any  # pytree of float arrays: running mean and variance of each normalisation
-    calibration: Calibration | None = None  # of the logits, once training is over; None: as they are
 
 
 class TrainState(NamedTuple):

@@ -7,8 +7,8 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from sklearn.cluster import DBSCAN
 
+from jaxmm.learning.density_clusters import density_clusters
 from jaxmm.learning.upright_shapes import Circle, Face, circle_through, face_through, faces_of
 from jaxmm.objects.patches import Sight
 from jaxmm.objects.shafts import face_of_shaft, shaft_of
@@ -93,7 +93,7 @@ def _clusters(sight: Sight, chosen: np.ndarray, settings: PieceSettings) -> list
     # What hides a strip of an upright thing leaves a gap of its height, so heights count half.
     places = sight.points[chosen] * [1.0, 1.0, 0.5]
     order = np.lexsort(places.T)  # a point on the edge of two clusters must not go by the caller's order
-    label = DBSCAN(eps=settings.link, min_samples=settings.neighbours).fit_predict(places[order])
+    label = density_clusters(places[order], settings.link, settings.neighbours)
     clusters = [np.sort(chosen[order[label == number]]) for number in range(label.max() + 1)]
     return [members for members in clusters if len(members) >= settings.least_points]
 

@@ -207,7 +207,7 @@ def _room(start: np.ndarray, end: np.ndarray, low: np.ndarray, high: np.ndarray)
 
 def _next(beyond: np.ndarray) -> float:
     """How far [m] beyond a side the first rays pass, but for strays; they are beyond it (m, 2) [m] all of that way."""
-    nearest, farthest = beyond.min(axis=1), beyond.max(axis=1)
+    nearest, farthest = np.minimum(*beyond.T), np.maximum(*beyond.T)  # long rows reduce fast
     passing = np.sort(nearest[(nearest > -RIM) & (farthest > 2.0 * RIM)])
     return max(float(passing[STRAYS]), 0.0) if len(passing) > STRAYS else np.inf
 
@@ -216,7 +216,7 @@ def _within(start: np.ndarray, end: np.ndarray, axis: int, bottom: float, top: f
     """Between which parts (M,) of their way rays have a coordinate between two values; where they never do, 1 and 0."""
     begin, way = start[:, axis], end[:, axis] - start[:, axis]
     way = np.where(np.abs(way) < 1e-9, 1e-9, way)
-    parts = np.sort(np.stack([bottom - begin, top - begin]) / way, axis=0)
-    first, last = np.maximum(parts[0], 0.0), np.minimum(parts[1], 1.0)
+    below, above = (bottom - begin) / way, (top - begin) / way
+    first, last = np.maximum(np.minimum(below, above), 0.0), np.minimum(np.maximum(below, above), 1.0)
     never = first >= last
     return np.where(never, 1.0, first), np.where(never, 0.0, last)

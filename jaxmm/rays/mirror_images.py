@@ -54,7 +54,7 @@ Off = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class Surfaces(NamedTuple):
     """What the prior knows of the place."""
 
-    points: np.ndarray  # (M, 3) [m], where planes are sought
+    points: Callable[[], np.ndarray]  # (M, 3) [m], where planes are sought; only asked where something is unknown
     distance: Distance
     off: Off
 
@@ -115,7 +115,7 @@ def without_images(scan: PosedScan, prior: Surfaces) -> Unmirrored:
     unknown = prior.distance(own, UNEXPLAINED) >= UNEXPLAINED
     mirrors, met, left = [], [], points
     if unknown.sum() >= max(LEAST, LEAST_SHARE * len(own)):
-        for plane in _planes(np.concatenate([prior.points, own]), scan.position, own[unknown]):
+        for plane in _planes(np.concatenate([prior.points(), own]), scan.position, own[unknown]):
             front = _Front(cKDTree(own), prior.off, scan.position)
             shift = _shift(plane, own[unknown], front, max(LEAST, LEAST_SHARE * len(own)))
             if shift is None:

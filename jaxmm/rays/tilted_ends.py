@@ -82,18 +82,37 @@ def _asked(direction: np.ndarray, met: Met) -> np.ndarray:
 
 def _lie_otherwise(direction: np.ndarray, met: Met, part: np.ndarray, near: np.ndarray) -> np.ndarray:
     """(n,) bool of the rays (n,) int with their neighbours (n, K) int."""
-    ends = direction[near].astype(np.float64) * met.distance[near, None].astype(np.float64)
-    own = direction[part].astype(np.float64) * met.distance[part, None].astype(np.float64)
-    offset = ends - own[:, None]
-    apart = np.linalg.norm(direction[near] - direction[part, None], axis=2)
-    spacing = np.quantile(apart, 0.5, axis=1) * met.distance[part]
     tolerance = ON + SIGMAS * met.sigma[part]
-    reach = np.maximum(AROUND, SPACINGS * spacing)
-    around = np.linalg.norm(offset, axis=2) <= reach[:, None]
+    offset = _offsets(direction, met, part, near)
     beside = np.abs(np.einsum("nkc,nc->nk", offset, met.normal[part])) <= tolerance[:, None]
     faces = np.einsum("nkc,nc->nk", np.nan_to_num(met.normal[near]), met.normal[part])
     same = (met.element[near] == met.element[part, None]) & (np.abs(faces) >= ONE_FACE)
     alike, others = (same & beside).sum(axis=1) - 1, same.sum(axis=1) - 1  # all but itself
+    found = alike < MOST_ALIKE * others  # of most rays more lie as they should: nobody needs to know how those lie
+    found[found] = _on_tilted(direction, met, (part[found], near[found]), offset[found], tolerance[found])
+    return found
+
+
+def _offsets(direction: np.ndarray, met: Met, part: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(n, K, 3) float64 [m] from the ends of rays to those of their neighbours."""
+    ends = direction[near].astype(np.float64) * met.distance[near, None].astype(np.float64)
+    own = direction[part].astype(np.float64) * met.distance[part, None].astype(np.float64)
+    return ends - own[:, None]
+
+
+def _on_tilted(
+    direction: np.ndarray,
+    met: Met,
+    rays: tuple[np.ndarray, np.ndarray],
+    offset: np.ndarray,
+    tolerance: np.ndarray,
+) -> np.ndarray:
+    """(m,) bool: the ends of rays, and of their neighbours around, lie on a plane that is tilted to their element."""
+    part, near = rays
+    apart = np.linalg.norm(direction[near] - direction[part, None], axis=2)
+    spacing = np.quantile(apart, 0.5, axis=1) * met.distance[part]
+    reach = np.maximum(AROUND, SPACINGS * spacing)
+    around = np.linalg.norm(offset, axis=2) <= reach[:, None]
     weight, count = around.astype(np.float64), around.sum(axis=1)
     middle = np.einsum("nk,nkc->nc", weight, offset) / count[:, None]
     centred = (offset - middle[:, None]) * weight[..., None]
@@ -103,5 +122,4 @@ def _lie_otherwise(direction: np.ndarray, met: Met, part: np.ndarray, near: np.n
     on_it = np.abs(np.einsum("nc,nc->n", middle, normal)) <= tolerance
     cosine = np.abs(np.einsum("nc,nc->n", normal, met.normal[part]))
     flat = (thick <= FLAT * width) & (width >= np.maximum(WIDE * met.sigma[part], LEAST_WIDTH * length))
-    told = count >= LEAST_AROUND * NEIGHBOURS
-    return told & flat & on_it & (alike < MOST_ALIKE * others) & (cosine < TILTED)
+    return (count >= LEAST_AROUND * NEIGHBOURS) & flat & on_it & (cosine < TILTED)

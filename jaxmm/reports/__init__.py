@@ -1,4 +1,4 @@
-"""Detections or scores in; files to open out. May import: root, formats, rays, learning, deviations, verdicts."""
+"""Detections or scores in; files out. May import: root, formats, rays, learning, deviations, classes, verdicts."""
 
 import lazy_loader
 
@@ -10,5 +10,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "markdown": ["as_markdown"],
         "page": ["write_page"],
         "plain_files": ["write_plain"],
+        "report_json": ["to_json"],
     },
 )

@@ -6,10 +6,11 @@ World frame of the prior: metres, z up.
 import math
 import uuid
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
-from jaxmm.reports.bcf_topics import DEVIATION, Topic, element_words, one_line, project_guid
+from jaxmm.reports.bcf_topics import DEVIATION, Topic, element_words, global_id, one_line, project_guid
 from jaxmm.reports.deviation_words import (
     INTERVAL_WORDS,
     NORTH_WORDS,
@@ -17,9 +18,10 @@ from jaxmm.reports.deviation_words import (
     kind_of_class,
     millimetres,
     place_in_words,
+    turned_by,
 )
 from jaxmm.reports.markdown import number
-from jaxmm.reports.snapshots import best_scan, camera_at
+from jaxmm.reports.snapshots import COLORS, best_scan, camera_at, corners_of, snapshot
 from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch
 from jaxmm.verdicts.verdicts import DISPLACED
 
@@ -43,21 +45,25 @@ def displaced_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
         lines = [words, *doubts, *_facts(one), f"Seen best by the scan {one_line(detection.scans[scan].file)}."]
         sure = one.deviation.surely
         off = millimetres(one.deviation.most, one.deviation.half)
+        caption = f"{kind_of_class(one.ifc_class)} displaced by {off} mm"
+        camera, element = camera_at(detection.scans[scan].pose, box.center), (global_id(box),) if global_id(box) else ()
         topics.append(Topic(
             str(uuid.uuid5(family, f"{DISPLACED}/{one_line(one.guid)}/{seen[one.guid]}")), words.removesuffix("."),
             "\n".join(lines), (DISPLACED,), next((name for name, least in PRIORITY_FROM if sure >= least), "Low"), (),
-            camera_at(detection.scans[scan].pose, box.center), box, DEVIATION,
-            f"{kind_of_class(one.ifc_class)} displaced by {off} mm",
-            np.asarray(one.deviation.offset, np.float64),
+            camera, partial(snapshot, mismatch=box, camera=camera, caption=caption), DEVIATION,
+            selected=element, painted=tuple((COLORS[DISPLACED], one) for one in element),
+            # Where it stands, as the selected element is where the model has it.
+            corners=(corners_of(box) + np.asarray(one.deviation.offset, np.float64),),
         ))  # fmt: skip
     return tuple(topics)
 
 
 def element_box(drawing: Drawing, one: ElementVerdict) -> Mismatch | None:
     """The upright box about an element where the model has it, a side of it square to its offset; None if not drawn."""
-    if drawing.faces is None or one.guid not in drawing.guid:
+    row = drawing.rows().get(one.key)
+    if drawing.faces is None or row is None:
         return None
-    used = drawing.faces[drawing.face_element == drawing.guid.index(one.guid)]
+    used = drawing.faces[drawing.face_element == row]
     if not len(used):
         return None
     x, y, _ = one.deviation.direction
@@ -67,7 +73,7 @@ def element_box(drawing: Drawing, one: ElementVerdict) -> Mismatch | None:
     low, high = corners.min(axis=0), corners.max(axis=0)
     center = turn @ ((low + high) / 2.0) + drawing.origin
     kind = "pillar" if "Column" in one.ifc_class else "wall"
-    return Mismatch(kind, DISPLACED, center, high - low, math.degrees(yaw), one.probability, one.guid)
+    return Mismatch(kind, DISPLACED, center, high - low, math.degrees(yaw), one.probability, one.guid, file=one.file)
 
 
 def _facts(one: ElementVerdict) -> Iterator[str]:
@@ -79,7 +85,7 @@ def _facts(one: ElementVerdict) -> Iterator[str]:
     ]
     yield f"Offset along the axes of the model: {', '.join(axes)}. What is not named, nothing that was seen fixes."
     if told.turn is not None and abs(told.turn) >= LEAST_ANGLE:
-        yield f"It is turned by {number(told.turn, 2)}° counter-clockwise."
+        yield f"It is {turned_by(told.turn, 2)}."
     if told.lean is not None and told.lean >= LEAST_ANGLE:
         yield f"It leans by {number(told.lean, 2)}°."
     yield (

@@ -5,23 +5,26 @@ World frame of the prior: metres, z up.
 
 import re
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxmm.learning.boxes import MISMATCH_TYPES, OBJECT_TYPES
 from jaxmm.rays.evidence import FRACTIONS
-from jaxmm.reports.markdown import chance, other_type, sizes
-from jaxmm.reports.snapshots import Camera, best_scan, camera_at
+from jaxmm.reports.bcf_request import NewElement
+from jaxmm.reports.deviation_words import turned_by
+from jaxmm.reports.markdown import chance, number, other_type, sizes
+from jaxmm.reports.snapshots import COLORS, Camera, best_scan, camera_at, corners_of, snapshot
 from jaxmm.reports.verdict_words import ASSUMED_WORDS
-from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch
+from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, Source
 from jaxmm.verdicts.verdicts import DISPLACED
 
 PRIORITIES = (("High", 0.9), ("Normal", 0.7), ("Low", 0.0))  # by the least probability of each
 MOVED = "moved"
 LABELS = (*OBJECT_TYPES, *MISMATCH_TYPES, MOVED, DISPLACED)
-MISMATCH, DEVIATION = TOPIC_TYPES = ("Mismatch", "Deviation")
+MISMATCH, DEVIATION, OVERVIEW = TOPIC_TYPES = ("Mismatch", "Deviation", "Overview")
 
 LEAST_TURN = 0.5  # [deg] that is worth a word
 SQUARE = 0.005  # [m] by which sides may differ that are called equal
@@ -32,7 +35,7 @@ _LONGEST_NAME = 200  # characters of a file's own names that a reader is asked t
 
 
 class Topic(NamedTuple):
-    """What one mismatch becomes, or one displaced element."""
+    """What one mismatch becomes, or one displaced element, or all of them together."""
 
     guid: str  # lower case, hyphenated
     title: str
@@ -41,33 +44,58 @@ class Topic(NamedTuple):
     priority: str  # of PRIORITIES
     related: tuple[str, ...]  # GUIDs of the topics that tell of the same object elsewhere
     camera: Camera
-    mismatch: Mismatch  # or the box about a displaced element
+    picture: Callable[[Drawing], bytes]  # PNG
     kind: str = MISMATCH  # of TOPIC_TYPES
-    caption: str | None = None  # of its picture; None: type and probability of the mismatch
-    offset: np.ndarray | None = None  # (3,) [m] of a displaced element
+    selected: tuple[str, ...] = ()  # GlobalIds
+    painted: tuple[tuple[str, str], ...] = ()  # a colour, as #RRGGBB, and a GlobalId of what is painted so
+    corners: tuple[np.ndarray, ...] = ()  # (8, 3) [m] of each box that is drawn, in the order of snapshots.EDGES
+    cut: float | None = None  # z [m] above which nothing is to be shown
+    files: tuple[tuple[str, str | None], ...] = ()  # that it is about, the updated model's too: name, and IfcProject
 
 
-def topics_of(detection: Detection, project: str) -> tuple[Topic, ...]:
-    """The topics of all mismatches, in their order."""
+def topics_of(detection: Detection, project: str, new: Mapping[int, NewElement] | None = None) -> tuple[Topic, ...]:
+    """The topics of all mismatches, in their order.
+
+    `new` holds what the updated model has for added objects, by their place among the mismatches.
+    """
+    new = new or {}
     mismatches, sentences = detection.mismatches, detection.sentences
     guids = tuple(_guids(mismatches, sentences, project))
-    links = [(number, one.moved_from) for number, one in enumerate(mismatches) if one.moved_from is not None]
+    links = [(index, one.moved_from) for index, one in enumerate(mismatches) if one.moved_from is not None]
     doubts = [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
     topics: list[Topic] = []
-    for number, (one, words) in enumerate(zip(mismatches, sentences, strict=True)):
-        twins = [removed for added, removed in links if added == number]
-        twins += [added for added, removed in links if removed == number]
+    for index, (one, words) in enumerate(zip(mismatches, sentences, strict=True)):
+        twins = [removed for added, removed in links if added == index]
+        twins += [added for added, removed in links if removed == index]
         scan = best_scan(detection, one)
         seen = f"Seen best by the scan {one_line(detection.scans[scan].file)}."
         lines = [words, *doubts, *_facts(one, detection), seen]
         lines += [f"Seems to be the same object, moved: {sentences[twin]}" for twin in twins]
+        camera, element = camera_at(detection.scans[scan].pose, one.center), global_id(one)
+        files = [(file.file, file.project) for file in files_about(one, detection)]
+        if index in new:
+            element = new[index].guid
+            files.append((new[index].file, files[0][1]))
+        is_added = one.mismatch_type == "added"
         topics.append(Topic(
-            guids[number], words.partition(" with dimensions")[0], "\n".join(lines),
+            guids[index], title_of(one, detection), "\n".join(lines),
             (one.object_type, one.mismatch_type, *((MOVED,) if twins else ())),
             next((name for name, least in PRIORITIES if one.probability >= least), PRIORITIES[-1][0]),
-            tuple(guids[twin] for twin in twins), camera_at(detection.scans[scan].pose, one.center), one,
+            tuple(guids[twin] for twin in twins), camera, partial(snapshot, mismatch=one, camera=camera),
+            selected=(element,) if element else (),
+            painted=((COLORS[one.mismatch_type], element),) if element else (),
+            # A new one is in the updated model only, so its box is drawn as well.
+            corners=(corners_of(one),) if is_added or not element else (), files=tuple(files),
         ))  # fmt: skip
     return tuple(topics)
+
+
+def title_of(mismatch: Mismatch, detection: Detection) -> str:
+    """A line that tells it from others in a list: "Removed wall 'W-12' at x 3.20, y -0.35 m"."""
+    told = next((one for one in detection.elements if one.guid == mismatch.element), None)
+    name = f" '{one_line(told.name)}'" if told is not None and told.name else ""
+    x, y = (number(value) for value in mismatch.center[:2])
+    return f"{mismatch.mismatch_type.capitalize()} {mismatch.object_type}{name} at x {x}, y {y} m"
 
 
 def project_guid(project: str) -> uuid.UUID:
@@ -100,7 +128,19 @@ def element_words(told: ElementVerdict) -> str:
     """Which element of the model one is, a sentence."""
     words = [one_line(told.ifc_class), f'"{one_line(told.name)}"' if told.name else "", one_line(told.guid)]
     words.append(f'storey "{one_line(told.storey)}"' if told.storey else "")
-    return f"Element of the model: {', '.join(word for word in words if word)}."
+    words.append(f"file {one_line(told.file)}" if told.file else "")
+    same = "".join(f" The same as {one_line(guid)} of {one_line(file)}." for file, guid in told.same_as)
+    return f"Element of the model: {', '.join(word for word in words if word)}.{same}"
+
+
+def files_about(mismatch: Mismatch, detection: Detection) -> tuple[PriorFile | Source, ...]:
+    """The files of the model that a mismatch is about: all that have its element, or all of something added."""
+    prior = detection.prior
+    if prior is None:
+        return ()
+    told = next((one for one in detection.elements if one.key == mismatch.key), None)
+    names = {mismatch.file, *(file for file, _ in told.same_as)} if told else {mismatch.file}
+    return tuple(one for one in prior.sources if one.file in names) or prior.sources or (prior,)
 
 
 def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project: str) -> Iterator[str]:
@@ -123,7 +163,7 @@ def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
     if not all(mismatch.measured):
         yield f"Of its size {sizes(mismatch)} m: {ASSUMED_WORDS}"
     if abs(turn := _turn(mismatch)) >= LEAST_TURN:
-        yield f"It is turned by {turn:.1f}° counter-clockwise."
+        yield f"It is {turned_by(turn)}."
     yield f"The probability that this is real is {chance(mismatch.probability)}."
     if (other := other_type(mismatch)) is not None:
         yield f"The probability that it is a {other[0]} instead is {chance(other[1])}."
@@ -131,7 +171,7 @@ def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
         yield f"Of the object, {mismatch.observable_fraction:.0%} could be observed."
     if mismatch.element is None:
         return
-    told = next((one for one in detection.elements if one.guid == mismatch.element), None)
+    told = next((one for one in detection.elements if one.key == mismatch.key), None)
     if told is None:
         yield f"Element of the model: {one_line(mismatch.element)}."
         return

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from jaxmm.deviations.deviation import Deviation
-from jaxmm.verdicts.results import ElementVerdict
+from jaxmm.verdicts.results import ElementVerdict, once
 from jaxmm.verdicts.verdicts import DISPLACED
 
 INTERVAL_WORDS = (
@@ -36,13 +36,16 @@ def kind_of_class(ifc_class: str) -> str:
 
 
 def measured(elements: Iterable[ElementVerdict]) -> list[ElementVerdict]:
-    """Those whose place was measured, the worst first: displaced ones, then by how far they are surely off."""
+    """Those whose place was measured, the worst first: displaced ones, then by how far they are surely off.
+
+    What is the same in several files is told of once.
+    """
 
     def rank(one: ElementVerdict) -> tuple[float, ...]:
         keys = (one.deviation.surely, one.deviation.most)
         return one.verdict != DISPLACED, *(-key if math.isfinite(key) else math.inf for key in keys)
 
-    return sorted((one for one in elements if one.deviation is not None), key=rank)
+    return sorted((one for one in once(elements) if one.deviation is not None), key=rank)
 
 
 def displaced(elements: Iterable[ElementVerdict]) -> list[ElementVerdict]:
@@ -105,11 +108,14 @@ def turn_in_words(one: Deviation) -> str:
     if not one.worst - one.half > abs(one.distance) + LEAST_SECOND:
         return ""
     turn, lean = (0.0 if value is None or not math.isfinite(value) else value for value in (one.turn, one.lean))
-    ways = [f"turned by {abs(turn):.1f}° {'counter-clockwise' if turn > 0.0 else 'clockwise'}"]
-    how = " and ".join(
-        way for way, size in zip((*ways, f"leaning by {abs(lean):.1f}°"), (turn, lean), strict=True) if abs(size) > 0.1
-    )
+    ways = (turned_by(turn), f"leaning by {abs(lean):.1f}°")
+    how = " and ".join(way for way, size in zip(ways, (turn, lean), strict=True) if abs(size) > 0.1)
     return f", {how or 'bent'}: {millimetres(one.worst, one.half)} mm off at its ends"
+
+
+def turned_by(turn: float, digits: int = 1) -> str:
+    """A turn [deg] about the vertical, counter-clockwise positive: "turned by 77.0° clockwise"."""
+    return f"turned by {abs(turn):.{digits}f}° {'counter-clockwise' if turn > 0.0 else 'clockwise'}"
 
 
 def place_in_words(one: ElementVerdict) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.formats.units import UNITS as UNIT_WORDS
 from jaxmm.reports.deviation_words import (
     INTERVAL_WORDS,
@@ -29,12 +30,15 @@ from jaxmm.reports.verdict_words import (
     PROBABILITY_OF_MISMATCH,
     PROBABILITY_WORDS,
     SURE_OF_TYPE,
+    UNEXPLAINED_WORDS,
     VERDICT_WORDS,
 )
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, Pose, PriorFile, ScanRecord
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
 MOST_DISPLACED = 50  # elements that are told of in full
+MOST_FILES = 4  # of a model in several, that are named
+MOST_THINGS = 30  # of what is not in the model
 GAP = "-"  # shown for what is not known
 UNITS = {"shift": " m", "turn": "°", "residual": " m"}  # of the numbers of a registration
 # What is markup anywhere (an underscore within a word is not), and what would begin a list or a rule at the start.
@@ -52,8 +56,9 @@ def as_markdown(detection: Detection) -> str:
         [f"{_prior(detection.prior)}."] if detection.prior else [],
         [f"- **In doubt:** {escaped(doubt)}" for doubt in detection.doubts],
         _sentences(detection),
-        _mismatches(detection.mismatches),
+        _mismatches(detection.mismatches, detection.prior is not None and len(detection.prior.sources) > 1),
         _displaced(detection.elements),
+        _unexplained(detection.unexplained),
         _elements(detection.elements),
         _scans(detection.scans),
         _notes(detection.notes),
@@ -150,8 +155,24 @@ def prior_in_words(prior: PriorFile) -> str:
     kind = {"ifc": "building model", "mesh": "mesh", "cloud": "point cloud"}.get(prior.kind, prior.kind)
     known = [word for length, word in {1.0: "metres", **UNIT_WORDS}.items() if math.isclose(length, prior.unit)]
     unit = known[0] if known else f"units of {prior.unit:.7g} m"
+    if prior.sources:
+        more = len(prior.sources) - MOST_FILES
+        names = [*(one.file for one in prior.sources[:MOST_FILES]), *([f"and {more} more"] if more > 0 else [])]
+        return f"{kind} {prior.file}, of {len(prior.sources)} files: {', '.join(names)}"
     project = f", IfcProject {prior.project}" if prior.project else ""
     return f"{kind} {prior.file}, in {unit}{project}"
+
+
+def _unexplained(things: Sequence[Unexplained]) -> list[str]:
+    if not things:
+        return []
+    rows = (
+        (str(index), metres(one.center), metres(one.dimensions), number(one.rotation, 0), str(one.points))
+        for index, one in enumerate(things[:MOST_THINGS], 1)
+    )
+    more = [f"And {len(things) - MOST_THINGS} more: unexplained.csv."] if len(things) > MOST_THINGS else []
+    columns = ("", "centre x, y, z [m]", "dimensions [m]", "rotation [°]", "points, one for each 0.1 m")
+    return ["## Not in the model", "", UNEXPLAINED_WORDS, "", *_table(columns, rows), *([""] if more else []), *more]
 
 
 def _prior(prior: PriorFile) -> str:
@@ -180,14 +201,14 @@ def _sentences(detection: Detection) -> list[str]:
     return [f"{index}. {line}" for index, line in enumerate(detection.sentences, 1)]
 
 
-def _mismatches(mismatches: Sequence[Mismatch]) -> list[str]:
+def _mismatches(mismatches: Sequence[Mismatch], several: bool) -> list[str]:
     rows = []
     for index, one in enumerate(mismatches, 1):
         moved = GAP if one.moved_from is None else f"moved here from no. {one.moved_from + 1}"
         rows.append([
             index, one.mismatch_type, kind_in_words(one), metres(one.center), escaped(sizes(one)),
             number(one.rotation, 1), percent(one.probability), percent(one.observable_fraction),
-            _identifier(one.element) if one.element else moved,
+            f"{_identifier(one.element)}{f' of {escaped(one.file)}' if several else ''}" if one.element else moved,
         ])  # fmt: skip
     if not rows:
         return ["## Mismatches", "", "None was found. What the scan could not see is told below."]
@@ -226,12 +247,12 @@ def _displaced(elements: tuple[ElementVerdict, ...]) -> list[str]:
 def _elements(elements: tuple[ElementVerdict, ...]) -> list[str]:
     if not elements:
         return ["## Elements", "", "The prior has no elements that a verdict could be given for."]
-    count = Counter(one.verdict for one in elements)
+    count, several = Counter(one.verdict for one in elements), len({one.file for one in elements}) > 1
     lines = ["## Elements", "", *_table(("verdict", "elements"), ((name, count[name]) for name in VERDICT_WORDS))]
     for verdict in (REMOVED, OCCLUDED):
         chosen = [one for one in elements if one.verdict == verdict]
         if chosen:
-            lines += ["", f"### {_capital(verdict)}", "", *_named(chosen, verdict)]
+            lines += ["", f"### {_capital(verdict)}", "", *_named(chosen, verdict, several)]
     rest = Counter((one.verdict, one.ifc_class, one.storey) for one in elements if one.verdict in (PRESENT, UNSCANNED))
     if rest:
         rows = ((*(escaped(name) or GAP for name in key), rest[key]) for key in sorted(rest))
@@ -240,7 +261,7 @@ def _elements(elements: tuple[ElementVerdict, ...]) -> list[str]:
     return lines
 
 
-def _named(elements: list[ElementVerdict], verdict: str) -> Iterator[str]:
+def _named(elements: list[ElementVerdict], verdict: str, several: bool) -> Iterator[str]:
     views = verdict == OCCLUDED
     rows = []
     for one in elements:
@@ -248,9 +269,9 @@ def _named(elements: list[ElementVerdict], verdict: str) -> Iterator[str]:
         row += [percent(one.probability), " / ".join(str(count) for count in one.rays)]
         if views:
             row.append("none found" if one.next_view is None else pose_in_words(one.next_view))
-        rows.append(row)
+        rows.append([*row, escaped(one.file)] if several else row)
     columns = ["element", "class", "name", "storey", "P(removed)", "rays through / support / blocked / unseen"]
-    return _table([*columns, "next viewpoint x, y, z [m]"] if views else columns, rows)
+    return _table([*columns, *(["next viewpoint x, y, z [m]"] * views), *(["file"] * several)], rows)
 
 
 def _scans(scans: Sequence[ScanRecord]) -> list[str]:

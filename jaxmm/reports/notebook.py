@@ -7,7 +7,6 @@ from html import escape
 from typing import Any
 
 from jaxmm.reports.deviation_words import INTERVAL_WORDS, NORTH_WORDS, displaced, place_in_words, summary_of
-from jaxmm.reports.figures import UNDATED
 from jaxmm.reports.markdown import (
     kind_in_words,
     metres,
@@ -18,7 +17,6 @@ from jaxmm.reports.markdown import (
     sizes,
     words_of_table,
 )
-from jaxmm.reports.plan_figure import draw_plan
 from jaxmm.reports.verdict_words import VERDICT_WORDS
 from jaxmm.verdicts.results import Detection
 from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED
@@ -47,6 +45,9 @@ def _text(value: Any) -> str:
 
 
 def _plan(detection: Detection) -> str:
+    from jaxmm.reports.figures import UNDATED  # only who looks waits for Matplotlib
+    from jaxmm.reports.plan_figure import draw_plan
+
     image = io.BytesIO()
     draw_plan(detection).savefig(image, format="png", dpi=DPI, metadata=UNDATED[".png"])
     data = base64.b64encode(image.getvalue()).decode()
@@ -96,11 +97,11 @@ def _elements(detection: Detection, verdict: str) -> str:
     if not chosen:
         return ""
     rows = [
-        (one.guid, one.ifc_class, one.name, one.storey, percent(one.probability))
+        (one.guid, one.file, one.ifc_class, one.name, one.storey, percent(one.probability))
         + ((pose_in_words(one.next_view) if one.next_view else "none found",) if verdict == OCCLUDED else ())
         for one in chosen[:MOST_LISTED]
     ]
-    columns = ("element", "class", "name", "storey", "P(removed)")
+    columns = ("element", "file", "class", "name", "storey", "P(removed)")
     more = f"<p>and {len(chosen) - MOST_LISTED} more</p>" if len(chosen) > MOST_LISTED else ""
     table = _table((*columns, "next viewpoint x, y, z [m]") if verdict == OCCLUDED else columns, rows)
     return f"<details><summary>{len(chosen)} {verdict}</summary>{table}{more}</details>"

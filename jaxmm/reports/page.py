@@ -36,8 +36,9 @@ def write_page(path: Path, detection: Detection) -> None:
 def page_text(detection: Detection, limits: Limits = LIMITS) -> str:
     """The page as HTML; `limits` bound what its 3D view holds."""
     style, script = _part("page.css"), "\n".join(["(() => {", '"use strict";', *map(_part, SCRIPTS), "})();"])
+    allowed = f"script-src {allowed_hash(script)}; style-src {allowed_hash(style)}"
     values = {
-        "policy": f"default-src 'none'; img-src data:; script-src {_hash(script)}; style-src {_hash(style)}",
+        "policy": f"default-src 'none'; img-src data:; {allowed}",
         "title": html.escape(f"jaxmm: {detection.summary()}"),
         "summary": html.escape(detection.summary()),
         "prior": html.escape(printable(f"Compared with: {prior_in_words(detection.prior)}" if detection.prior else "")),
@@ -56,6 +57,6 @@ def _part(name: str) -> str:
     return (resources.files("jaxmm.reports") / "viewer" / name).read_text(encoding="utf-8")
 
 
-def _hash(text: str) -> str:
+def allowed_hash(text: str) -> str:
     """What a content security policy calls the one text that it allows."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"

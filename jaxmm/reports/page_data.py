@@ -6,6 +6,7 @@ float32 offsets [m] from the drawing's origin; all else is in the world frame of
 
 import base64
 import json
+from collections import Counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from jaxmm.deviations.tolerances import DeviationSettings
 from jaxmm.reports.deviation_words import INTERVAL_WORDS, NORTH_WORDS, SIGN_WORDS, offset_in_words, place_in_words
 from jaxmm.reports.markdown import printable
+from jaxmm.reports.report_json import to_json
 from jaxmm.reports.verdict_words import (
     ASSUMED,
     ASSUMED_WORDS,
@@ -22,9 +24,10 @@ from jaxmm.reports.verdict_words import (
     PROBABILITY_WORDS,
     ROBOT_EVIDENCE_WORDS,
     SURE_OF_TYPE,
+    UNEXPLAINED_WORDS,
     VERDICT_WORDS,
 )
-from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, to_json
+from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Key
 
 
 class Limits(NamedTuple):
@@ -76,6 +79,7 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
             "verdicts": VERDICT_WORDS if detection.elements else {},  # a point cloud has nothing that they are of
             "probability": PROBABILITY_WORDS if detection.elements else PROBABILITY_OF_MISMATCH,
             "prior": EVIDENCE_WORDS, "robot": ROBOT_EVIDENCE_WORDS, "observable": OBSERVABLE_WORDS,
+            "unexplained": UNEXPLAINED_WORDS,
             "north": NORTH_WORDS, "interval": INTERVAL_WORDS, "sign": SIGN_WORDS,
             "assumed": ASSUMED_WORDS, "tilde": ASSUMED, "sure_of_type": SURE_OF_TYPE,
         },
@@ -83,12 +87,36 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
         "tolerance": _tolerance(detection),
         "thinned": _told(drawing, (len(robot), len(prior), len(surface.faces))),
         "has_surface": drawing.vertices is not None,
-        "guid": list(drawing.guid),
+        **_keys(detection),
         "origin": [float(value) for value in drawing.origin],
         "fields_of_view": [np.round(corners, 5).tolist() for corners in drawing.fields_of_view],
         "frame": _frame(detection, places),
         "arrays": {name: encoded(array) for name, array in arrays.items()},
     }  # fmt: skip
+
+
+def _keys(detection: Detection) -> dict[str, Any]:
+    """What the page calls elements: by GlobalId, and of those that several files have by file, too.
+
+    `key` of each that is drawn, `element_key` of each that has a verdict, `mismatch_key` of the element of each
+    mismatch; `twins` are what is drawn as another: [key, index of that].
+    """
+    rows = detection.drawing.rows()
+    drawn = {row: key for key, row in rows.items()}  # the own key of each comes last
+    known = {*rows, *(one.key for one in detection.elements)}
+    count = Counter(guid for _, guid in known)
+
+    def named(key: Key) -> str:
+        file, guid = key
+        return guid if count[guid] < 2 else f"{guid} of {file}"
+
+    own = [drawn[row] for row in range(len(detection.drawing.guid))]
+    return {
+        "key": [named(key) for key in own],
+        "element_key": [named(one.key) for one in detection.elements],
+        "mismatch_key": [None if one.element is None else named(one.key) for one in detection.mismatches],
+        "twins": [[named(key), row] for key, row in rows.items() if key != own[row]],
+    }
 
 
 def _deviation(one: ElementVerdict) -> dict[str, Any] | None:
@@ -184,8 +212,8 @@ def _as_bytes(probability: np.ndarray) -> np.ndarray:
 
 
 def _mismatched(detection: Detection) -> np.ndarray:
-    names = {one.element for one in detection.mismatches if one.element is not None}
-    return np.flatnonzero([guid in names for guid in detection.drawing.guid])
+    rows = detection.drawing.rows()
+    return np.array(sorted({rows[one.key] for one in detection.mismatches if one.key in rows}), int)
 
 
 def _told(drawing: Drawing, shown: tuple[int, int, int]) -> list[str]:

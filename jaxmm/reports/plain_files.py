@@ -12,45 +12,49 @@ from typing import Any
 
 import numpy as np
 
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.deviations.deviation import Deviation
 from jaxmm.files import write_atomically, write_json, write_text
+from jaxmm.formats.cloud_files import write_ply
 from jaxmm.rays.evidence import BLOCKED, FRACTIONS, SUPPORT, THROUGH, UNSEEN
 from jaxmm.reports.deviation_words import displaced, measured, offset_in_words, place_in_words, span_of
 from jaxmm.reports.markdown import as_markdown, printable
+from jaxmm.reports.report_json import to_json
 from jaxmm.verdicts.mismatch_points import mismatch_points, signed_distances
-from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, to_json, told_probability
+from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, told_probability
 
 PLAIN_FILES = (
-    "report.json", "report.md", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv", "mismatches.ply",
-    "points.ply",
+    "report.json", "report.md", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv", "unexplained.csv",
+    "mismatches.ply", "points.ply",
 )  # fmt: skip
 ADDED_COLOR, REMOVED_COLOR = (0, 114, 178), (213, 94, 0)  # blue and vermillion: told apart with every colour blindness
+UNEXPLAINED_COLOR = (86, 180, 233)  # sky-blue
 GREYS = {SUPPORT: 205, THROUGH: 160, UNSEEN: 115, BLOCKED: 70}  # of points that show no mismatch, by their evidence
 POSITION = ("x [m]", "y [m]", "z [m]")
 MISMATCH_COLUMNS = (
     "number", "mismatch_type", "object_type", "shape", *(f"center_{name}" for name in POSITION),
     *(f"dimension_{name}" for name in POSITION), "rotation [deg]", "probability", "observable_fraction", "element",
-    "moved_from", "measured", "type_probability",
+    "moved_from", "measured", "type_probability", "file",
 )  # fmt: skip
 DEVIATION_COLUMNS = (
     *(f"offset_{axis}{end} [m]" for axis in "xyz" for end in ("", "_low", "_high")),
     *(f"distance{end} [m]" for end in ("", "_low", "_high")), *(f"direction_{axis}" for axis in "xyz"), "turn [deg]",
     "lean [deg]", "flatness [m]", "coverage", "rays_on_it", "loa", "din18202",
 )  # fmt: skip
-WORST_COLUMNS = ("guid", "ifc_class", "name", "storey", "verdict", "in_words", *DEVIATION_COLUMNS)
+WORST_COLUMNS = ("guid", "ifc_class", "name", "storey", "verdict", "in_words", *DEVIATION_COLUMNS, "file")
 ELEMENT_COLUMNS = (
     "guid", "ifc_class", "name", "storey", "verdict", "probability_removed", "prior_points",
     *(f"rays_{name}" for name in FRACTIONS), *(f"next_view_{name}" for name in POSITION), "next_view_yaw [deg]",
-    "next_view_pitch [deg]", *DEVIATION_COLUMNS,
+    "next_view_pitch [deg]", *DEVIATION_COLUMNS, "file", "same_as",
 )  # fmt: skip
-PLY_FIELDS = [
-    *((name, "<f8", "double") for name in "xyz"), *((name, "u1", "uchar") for name in ("red", "green", "blue")),
-    ("probability", "<f4", "float"), ("side", "u1", "uchar"),
-]  # fmt: skip
+UNEXPLAINED_COLUMNS = (
+    "number", *(f"center_{name}" for name in POSITION), *(f"dimension_{name}" for name in POSITION), "rotation [deg]",
+    "points",
+)  # fmt: skip
 
 
 def write_plain(folder: Path, detection: Detection) -> None:
-    """Write PLAIN_FILES; the last only where the prior has a surface.
+    """Write PLAIN_FILES; the last only where the prior has a surface; and the moved PLY files of far coordinates.
 
     Args:
         folder: exists; older files of these names are replaced, each in one move.
@@ -62,9 +66,10 @@ def write_plain(folder: Path, detection: Detection) -> None:
     write_json(folder / "report.json", to_json(detection))
     write_text(folder / "report.md", as_markdown(detection))
     write_text(folder / "sentences.txt", "".join(f"{line}\n" for line in sentences_of(detection)))
-    _write_csv(folder / "mismatches.csv", mismatches_csv(detection.mismatches))
-    _write_csv(folder / "elements.csv", elements_csv(detection.elements))
-    _write_csv(folder / "deviations.csv", deviations_csv(detection.elements))
+    write_csv(folder / "mismatches.csv", mismatches_csv(detection.mismatches))
+    write_csv(folder / "elements.csv", elements_csv(detection.elements))
+    write_csv(folder / "deviations.csv", deviations_csv(detection.elements))
+    write_csv(folder / "unexplained.csv", unexplained_csv(detection.unexplained))
     write_mismatch_points(folder / "mismatches.ply", detection)
     write_points(folder / "points.ply", detection)
 
@@ -84,20 +89,24 @@ def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
             number, one.mismatch_type, one.object_type, one.shape, *map(float, one.center),
             *map(float, one.dimensions), float(one.rotation), told_probability(one.probability),
             one.observable_fraction, one.element, origin, " ".join("yes" if seen else "no" for seen in one.measured),
-            None if one.type_probability is None else told_probability(one.type_probability),
+            None if one.type_probability is None else told_probability(one.type_probability), one.file,
         ])  # fmt: skip
-    return _as_csv(MISMATCH_COLUMNS, rows)
+    return as_csv(MISMATCH_COLUMNS, rows)
 
 
 def elements_csv(elements: Iterable[ElementVerdict]) -> str:
-    """A row for each element that has a verdict, in the manner of `mismatches_csv`."""
+    """A row for each element that has a verdict, in the manner of `mismatches_csv`.
+
+    `same_as` names those of other files that are the same, a `;` between two.
+    """
     rows = []
     for one in elements:
         rows.append([
             one.guid, one.ifc_class, one.name, one.storey, one.verdict, told_probability(one.probability), one.points,
-            *one.rays, *(one.next_view or [None] * 5), *_deviation(one.deviation),
+            *one.rays, *(one.next_view or [None] * 5), *_deviation(one.deviation), one.file,
+            "; ".join(f"{guid} of {file}" for file, guid in one.same_as) or None,
         ])  # fmt: skip
-    return _as_csv(ELEMENT_COLUMNS, rows)
+    return as_csv(ELEMENT_COLUMNS, rows)
 
 
 def deviations_csv(elements: Iterable[ElementVerdict]) -> str:
@@ -109,8 +118,19 @@ def deviations_csv(elements: Iterable[ElementVerdict]) -> str:
     rows = []
     for one in measured(elements):
         words = offset_in_words(one.deviation)
-        rows.append([one.guid, one.ifc_class, one.name, one.storey, one.verdict, words, *_deviation(one.deviation)])
-    return _as_csv(WORST_COLUMNS, rows)
+        rows.append(
+            [one.guid, one.ifc_class, one.name, one.storey, one.verdict, words, *_deviation(one.deviation), one.file]
+        )
+    return as_csv(WORST_COLUMNS, rows)
+
+
+def unexplained_csv(things: Iterable[Unexplained]) -> str:
+    """A row for each thing that is not in the model, in the manner of `mismatches_csv`; `points` of the scans on it."""
+    rows = [
+        [number, *map(float, one.center), *map(float, one.dimensions), float(one.rotation), one.points]
+        for number, one in enumerate(things, 1)
+    ]
+    return as_csv(UNEXPLAINED_COLUMNS, rows)
 
 
 def sentences_of(detection: Detection) -> tuple[str, ...]:
@@ -128,59 +148,53 @@ def _deviation(one: Deviation | None) -> list[Any]:
     return [*along, one.distance, *span_of(one), *one.direction, *told]
 
 
-def write_mismatch_points(path: Path, detection: Detection) -> None:
-    """Write the points of both sides as a PLY file: binary, little endian, with double coordinates.
+def write_mismatch_points(path: Path, detection: Detection) -> tuple[Path, ...]:
+    """Write the points of both sides as a PLY file, see formats.cloud_files; returns the files.
 
-    Blue points show something added, vermillion ones something removed; all others are grey, the darker the less a ray
-    met them (see GREYS). `probability` is that of the point; `side` is 0 for the robot's points, 1 for the prior's.
+    Blue points show something added, vermillion ones something removed, sky-blue ones what else is not in the model;
+    all others are grey, the darker the less a ray met them (see GREYS). `scalar_probability` is that of the point;
+    `scalar_side` is 0 for the robot's points, 1 for the prior's.
     """
     drawing, shown = detection.drawing, mismatch_points(detection)
     count = len(drawing.robot)
-    table = np.zeros(count + len(drawing.prior), [(name, kind) for name, kind, _ in PLY_FIELDS])
+    points = np.concatenate([drawing.robot, drawing.prior]).astype(np.float64) + drawing.origin
+    color = np.zeros((len(points), 3), np.uint8)
     sides = (
-        (table[:count], drawing.robot, drawing.robot_probability, drawing.robot_evidence, shown.robot, ADDED_COLOR),
-        (table[count:], drawing.prior, drawing.prior_probability, drawing.prior_evidence, shown.prior, REMOVED_COLOR),
+        (color[:count], drawing.robot_evidence, shown.robot, ADDED_COLOR),
+        (color[count:], drawing.prior_evidence, shown.prior, REMOVED_COLOR),
     )
     grey = np.array([GREYS[index] for index in range(len(FRACTIONS))], np.uint8)
-    for side, (rows, points, probability, evidence, mismatch, color) in enumerate(sides):
-        for axis, name in enumerate("xyz"):
-            rows[name] = drawing.origin[axis] + points[:, axis].astype(np.float64)
-        for name, value in zip(("red", "green", "blue"), color, strict=True):
-            rows[name] = np.where(mismatch >= 0, value, grey[evidence])
-        rows["probability"], rows["side"] = probability, side
-    properties = "".join(f"property {kind} {name}\n" for name, _, kind in PLY_FIELDS)
-    header = (
-        "ply\nformat binary_little_endian 1.0\n"
-        "comment metres, z up; blue: added, vermillion: removed, grey: unchanged or not told\n"
-        "comment side 0: measured by the robot, 1: of the building model\n"
-        f"element vertex {len(table)}\n{properties}end_header\n"
-    )
-    write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))
+    for rows, evidence, mismatch, own in sides:
+        rows[:] = np.where((mismatch >= 0)[:, None], np.array(own, np.uint8), grey[evidence][:, None])
+    color[:count][shown.unexplained] = UNEXPLAINED_COLOR
+    fields = dict(zip(("red", "green", "blue"), color.T, strict=True)) | {
+        "scalar_probability": np.concatenate([drawing.robot_probability, drawing.prior_probability]).astype(np.float32),
+        "scalar_side": (np.arange(len(points)) >= count).astype(np.uint8),
+    }
+    return write_ply(path, points, fields, (
+        "metres, z up; blue: added, vermillion: removed, sky-blue: else not in the model, grey: unchanged or not told",
+        "side 0: measured by the robot, 1: of the building model",
+    ))  # fmt: skip
 
 
-def write_points(path: Path, detection: Detection) -> None:
+def write_points(path: Path, detection: Detection) -> tuple[Path, ...]:
     """Write the robot's points with their signed distances to the model's surface; nothing where it has none.
 
-    Binary, little endian, with double coordinates. `scalar_distance` [m] is positive before the surface, as seen from
-    where the point was measured, negative behind it; CloudCompare takes it for a scalar field.
+    `scalar_distance` [m] is positive before the surface, as seen from where the point was measured, negative behind it;
+    `scalar_scan` counts the scans from 1. CloudCompare takes both for scalar fields.
     """
     distance, drawing = signed_distances(detection), detection.drawing
     if distance is None:
-        return
-    fields = [*((name, "<f8", "double") for name in "xyz"), ("scalar_distance", "<f4", "float"), ("scan", "<i4", "int")]
-    table = np.zeros(len(distance), [(name, kind) for name, kind, _ in fields])
-    for axis, name in enumerate("xyz"):
-        table[name] = drawing.origin[axis] + drawing.robot[:, axis].astype(np.float64)
-    table["scalar_distance"], table["scan"] = distance, drawing.robot_scan + 1
-    properties = "".join(f"property {kind} {name}\n" for name, _, kind in fields)
-    header = (
-        "ply\nformat binary_little_endian 1.0\ncomment metres, z up; distance to the model, before it positive\n"
-        f"element vertex {len(table)}\n{properties}end_header\n"
-    )
-    write_atomically(path, lambda temporary: temporary.write_bytes(header.encode() + table.tobytes()))
+        return ()
+    points = drawing.origin + drawing.robot.astype(np.float64)
+    fields = {
+        "scalar_distance": distance.astype(np.float32), "scalar_scan": (drawing.robot_scan + 1).astype(np.int32),
+    }  # fmt: skip
+    return write_ply(path, points, fields, ["metres, z up; distance to the model, before it positive"])
 
 
-def _as_csv(columns: Iterable[str], rows: Iterable[list]) -> str:
+def as_csv(columns: Iterable[str], rows: Iterable[list]) -> str:
+    """A table by RFC 4180: numbers to six digits, empty where there is none; no text in it runs as a formula."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\r\n")
     writer.writerow(columns)
@@ -193,10 +207,11 @@ def _cell(value: Any) -> Any:
         value = printable(value)
         return f"'{value}" if value.startswith(("=", "+", "-", "@", "\t", "\r", "\n")) else value
     if isinstance(value, (float, np.floating)):
-        return round(float(value), 6) if math.isfinite(value) else None
+        return round(float(value), 6) + 0.0 if math.isfinite(value) else None  # a zero has no sign
     return value
 
 
-def _write_csv(path: Path, text: str) -> None:
+def write_csv(path: Path, text: str) -> None:
+    """Write what `as_csv` made, whole or not at all."""
     # As bytes: a text file would turn the line ends of the format into those of the machine.
     write_atomically(path, lambda temporary: temporary.write_bytes(text.encode("utf-8")))

@@ -124,6 +124,7 @@ def _draw_level(axes: Axes, detection: Detection, level: Level, limits: tuple, s
     axes.set(xlim=(low[0] + shift[0], high[0] + shift[0]), ylim=(low[1] + shift[1], high[1] + shift[1]), aspect="equal")
     axes.apply_aspect()
     taken = [_on_paper(axes, place) + NAME_AT + [part, 0.0] for place in sensors for part in NAME_SPANS]
+    entries += _draw_unexplained(axes, detection, level, base)
     for index, one in shown:
         _draw_mismatch(axes, index, one, base, sensors, taken)
     for name, value in zip("xy", base, strict=False):
@@ -140,12 +141,13 @@ def _draw_surfaces(axes: Axes, detection: Detection, level: Level, limits: tuple
     corners = drawing.vertices[:, :2][drawing.faces]
     near = ((corners.min(axis=1) < limits[1]) & (corners.max(axis=1) > limits[0])).all(axis=1)
     near = np.isin(drawing.face_element, drawing.face_element[near])  # an outline closes beyond the edge of the plan
-    verdict = {one.guid: one.verdict for one in detection.elements}
+    rows = drawing.rows()
+    verdict = {rows[one.key]: one.verdict for one in detection.elements if one.key in rows}
     drawn = set()
     height = level.floor + CUT
     outlines = cut_surfaces(drawing.vertices, drawing.faces[near], drawing.face_element[near], height)
     for element, lines in itertools.groupby(outlines, key=lambda one: one.element):
-        name = verdict.get(drawing.guid[element])
+        name = verdict.get(element)
         look = LOOKS.get(name, NO_VERDICT)
         lines = list(lines)
         shapes = [Shape(one.points + shift, closed=True) for one in lines if one.closed]
@@ -218,6 +220,18 @@ def _draw_next_views(axes: Axes, detection: Detection, level: Level, base: np.nd
         _mark_pose(axes, (x - base[0], y - base[1]), yaw, LOOKS[OCCLUDED].edge, "white")
     look = {"color": LOOKS[OCCLUDED].edge, "markerfacecolor": "white", "marker": "o", "markersize": 8, "linestyle": ""}
     return [Line2D([], [], label="viewpoint proposed next", **look)] if near else []
+
+
+def _draw_unexplained(axes: Axes, detection: Detection, level: Level, base: np.ndarray) -> list[Patch]:
+    """What else is not in the model, where it stands below or at the cut of the storey."""
+    floor, entries = level.floor + detection.drawing.origin[2], []
+    look = {"facecolor": "none", "edgecolor": COLOR_ADDED, "linestyle": ":", "linewidth": 1.4}
+    for one in detection.unexplained:
+        low, high = (one.center[2] + way * one.dimensions[2] / 2.0 - floor for way in (-1.0, 1.0))
+        if high > 0.0 and low < 2.0 * CUT:
+            axes.add_patch(Polygon(footprint(one, base), zorder=4, **look))
+            entries = [Patch(label="else not in the model", **look)]
+    return entries
 
 
 def _mark_pose(axes: Axes, place: tuple[float, float], yaw: float, color: str, face: str | None = None) -> None:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.verdicts.results import Detection, Drawing, Mismatch
 
 CUT = 1.2  # [m] above the floor: through doors and windows, as plans are drawn
@@ -67,7 +68,7 @@ def region_of(detection: Detection, level: Level) -> tuple[np.ndarray, np.ndarra
     return low - AROUND, high + AROUND
 
 
-def footprint(mismatch: Mismatch, origin: np.ndarray) -> np.ndarray:
+def footprint(mismatch: Mismatch | Unexplained, origin: np.ndarray) -> np.ndarray:
     """Corners (4, 2) of the footprint of a box, as offsets from `origin` [m]."""
     yaw = np.radians(mismatch.rotation)
     along, across = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])

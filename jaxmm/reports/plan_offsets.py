@@ -52,10 +52,10 @@ def arrows_of(
     """
     if drawing.faces is None:
         return []
-    row_of, height, found = {guid: row for row, guid in enumerate(drawing.guid)}, level.floor + CUT, []
+    row_of, height, found = drawing.rows(), level.floor + CUT, []
     times = arrow_times(worst)
     for number, one in enumerate(worst):
-        used = drawing.faces[drawing.face_element == row_of.get(one.guid, -1)]
+        used = drawing.faces[drawing.face_element == row_of.get(one.key, -1)]
         offset = np.asarray(one.deviation.offset[:2], np.float64)
         if not len(used) or not LEAST_DRAWN <= np.linalg.norm(offset) < np.inf:
             continue

@@ -5,6 +5,7 @@ World frame of the prior: metres, z up. N points of a drawing.
 
 import io
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -108,7 +109,6 @@ def stepped_back(camera: Camera, corners: np.ndarray) -> tuple[Camera, float]:
     return camera._replace(position=camera.position - step * camera.direction), step
 
 
-@styled
 def snapshot(drawing: Drawing, mismatch: Mismatch, camera: Camera, caption: str | None = None) -> bytes:
     """A PNG of 640 x 480 pixels of one mismatch or displaced element: its box, and what robot and prior have there.
 
@@ -116,22 +116,38 @@ def snapshot(drawing: Drawing, mismatch: Mismatch, camera: Camera, caption: str 
     removed ones. What is nearer hides what is farther, but never the box. A box that is too wide is seen from as far
     behind the camera as it needs, and nothing that lies behind the camera is drawn.
     """
-    corners = corners_of(mismatch)
-    seen_from, step = stepped_back(camera, corners)
+    seen_from, step = stepped_back(camera, corners_of(mismatch))
+    said = f"{mismatch.object_type} {mismatch.mismatch_type}, probability {chance(mismatch.probability)}"
+    return _picture(drawing, [mismatch], seen_from, step + _NEAR, caption or said)
+
+
+def picture_of_all(
+    drawing: Drawing, boxes: Sequence[Mismatch], camera: Camera, caption: str, top: float = math.inf
+) -> bytes:
+    """A PNG like `snapshot`, of all boxes by a camera that stands where it shows them; no point above `top` [m]."""
+    robot, prior = (points[:, 2] + drawing.origin[2] <= top for points in (drawing.robot, drawing.prior))
+    below = drawing._replace(
+        robot=drawing.robot[robot], robot_probability=drawing.robot_probability[robot],
+        prior=drawing.prior[prior], prior_probability=drawing.prior_probability[prior],
+    )  # fmt: skip
+    return _picture(below, boxes, camera, _NEAR, caption)
+
+
+@styled
+def _picture(drawing: Drawing, boxes: Sequence[Mismatch], camera: Camera, near: float, caption: str) -> bytes:
     figure = Figure(_INCHES, dpi=_DPI)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(-1, 1), ylim=(-1, 1))
     axes.set_axis_off()
-    _draw_points(axes, drawing, seen_from, step + _NEAR)
-    color = COLORS[mismatch.mismatch_type]
-    place, _ = project(seen_from, corners)
-    for face in _FACES:
-        axes.fill(*place[face].T, color=color, alpha=0.07, linewidth=0)
-    for width, ink in ((4.2, "white"), (2.2, color)):  # all rims first: they must not cover other edges
-        for edge in EDGES:
-            axes.plot(*place[edge].T, color=ink, linewidth=width)
-    _write_words(
-        axes, caption or f"{mismatch.object_type} {mismatch.mismatch_type}, probability {chance(mismatch.probability)}"
-    )
+    _draw_points(axes, drawing, camera, near)
+    for box in boxes:
+        color = COLORS[box.mismatch_type]
+        place, _ = project(camera, corners_of(box))
+        for face in _FACES:
+            axes.fill(*place[face].T, color=color, alpha=0.07, linewidth=0)
+        for width, ink in ((4.2, "white"), (2.2, color)):  # all rims first: they must not cover other edges
+            for edge in EDGES:
+                axes.plot(*place[edge].T, color=ink, linewidth=width)
+    _write_words(axes, caption)
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=_DPI, metadata=UNDATED[".png"])
     return file.getvalue()

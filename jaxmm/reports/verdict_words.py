@@ -42,3 +42,7 @@ OBSERVABLE_WORDS = (
     "The observable share of an object is how much of it the scan could tell of, out of all that would be seen of it "
     "if it stood alone in the field of view."
 )
+UNEXPLAINED_WORDS = (
+    "Something that is not in the model, and neither a new wall nor a new column: furniture, a machine, a stair, an "
+    "open door. Each box holds points that hang together and lie apart from the model; nothing says what it is."
+)

@@ -20,13 +20,13 @@ from jaxmm.verdicts.results import Detection, ElementVerdict, told_probability
 
 WORKBOOK = "elements.xlsx"
 MISSING = f"{WORKBOOK} was not written: openpyxl is not installed (pip install 'jaxmm[xlsx]')"
-_WHO = ("verdict", "class", "name", "storey", "GlobalId")
+_WHO = ("verdict", "class", "name", "storey", "GlobalId", "file")
 _OFF = (
     "off its place [mm]", "at least [mm]", "at most [mm]", "in words", "x (east) [mm]", "y (north) [mm]", "z (up) [mm]",
     "turn [deg]", "lean [deg]", "flatness [mm]", "seen in tolerance [%]", "rays on it", "LOA", "DIN 18202",
 )  # fmt: skip
 _RAYS = ("P(removed) [%]", "rays through", "rays on its place", "rays blocked", "rays unseen")
-_WIDTHS = {"name": 34, "in words": 46, "GlobalId": 26, "storey": 18, "class": 18}
+_WIDTHS = {"name": 34, "in words": 46, "GlobalId": 26, "storey": 18, "class": 18, "file": 22}
 _DATES = re.compile(rb"<dcterms:(created|modified)[^>]*>[^<]*</dcterms:\1>")
 _NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")  # what a cell cannot hold
 
@@ -48,17 +48,22 @@ def write_workbook(path: Path, detection: Detection) -> bool:
     book.remove(book.active)
     elements = detection.elements
     off = [[*_who(one), *_off(one), place_in_words(one)] for one in displaced(elements)]
-    _add_sheet(book, "Displaced", (*_WHO, *_OFF, "sentence"), off)
-    _add_sheet(book, "Measured", (*_WHO, *_OFF), [[*_who(one), *_off(one)] for one in measured(elements)])
-    _add_sheet(book, "Elements", (*_WHO, *_OFF, *_RAYS), [[*_who(one), *_off(one), *_rays(one)] for one in elements])
-    content = io.BytesIO()
-    book.save(content)
-    write_atomically(path, lambda temporary: write_zip(temporary, _undated(content.getvalue())))
+    add_sheet(book, "Displaced", (*_WHO, *_OFF, "sentence"), off)
+    add_sheet(book, "Measured", (*_WHO, *_OFF), [[*_who(one), *_off(one)] for one in measured(elements)])
+    add_sheet(book, "Elements", (*_WHO, *_OFF, *_RAYS), [[*_who(one), *_off(one), *_rays(one)] for one in elements])
+    write_book(path, book)
     return True
 
 
+def write_book(path: Path, book: Any) -> None:
+    """Write a workbook of openpyxl, undated, whole or not at all."""
+    content = io.BytesIO()
+    book.save(content)
+    write_atomically(path, lambda temporary: write_zip(temporary, _undated(content.getvalue())))
+
+
 def _who(one: ElementVerdict) -> list[Any]:
-    return [one.verdict, one.ifc_class, one.name, one.storey, one.guid]
+    return [one.verdict, one.ifc_class, one.name, one.storey, one.guid, one.file]
 
 
 def _off(one: ElementVerdict) -> list[Any]:
@@ -77,7 +82,8 @@ def _rays(one: ElementVerdict) -> list[Any]:
     return [100.0 * told_probability(one.probability), *one.rays]
 
 
-def _add_sheet(book: Any, title: str, columns: tuple[str, ...], rows: Iterable[list[Any]]) -> None:
+def add_sheet(book: Any, title: str, columns: tuple[str, ...], rows: Iterable[list[Any]]) -> None:
+    """One more table in a workbook of openpyxl; the columns up to the third, and the head, stay in view."""
     from openpyxl.styles import Alignment, Font
     from openpyxl.utils import get_column_letter
 

@@ -16,7 +16,7 @@ from jaxmm.learning import result_tables, room_scores
 from jaxmm.learning.batches import labels_of
 from jaxmm.learning.boxes import Box, sentence
 from jaxmm.learning.calibration import Reliability, brier, calibration_error
-from jaxmm.learning.train_step import Model
+from jaxmm.learning.model import Model
 from jaxmm.progress import progress
 from jaxmm.reports import figures, room_figures
 from jaxmm.runs.paper.whole_run import reproduce_paper

@@ -16,7 +16,8 @@ from jaxmm.learning.batches import Batch, LabelledCloud, Sampler, validation_bat
 from jaxmm.learning.calibration import Calibration, calibrate
 from jaxmm.learning.fit import Record, fit
 from jaxmm.learning.joint_training import Joint
-from jaxmm.learning.train_step import Model, all_logits
+from jaxmm.learning.model import Model
+from jaxmm.learning.train_step import all_logits
 from jaxmm.progress import bar_of, progress
 from jaxmm.thesis.training_clouds import thesis_clouds
 

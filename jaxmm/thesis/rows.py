@@ -10,11 +10,11 @@ from jaxmm.config import SCENARIOS, Config, NetworkConfig
 from jaxmm.files import check_writable, write_json
 from jaxmm.inputs import InputError
 from jaxmm.learning.batches import features_of
+from jaxmm.learning.model import Model, pick_model
 from jaxmm.learning.model_files import load_models
 from jaxmm.learning.network import from_torch
-from jaxmm.learning.room_scores import CONTROL, box_as_json, find_boxes, pick_model, predict
+from jaxmm.learning.room_scores import CONTROL, box_as_json, find_boxes, predict
 from jaxmm.learning.torch_weights import read_state_dict
-from jaxmm.learning.train_step import Model
 from jaxmm.rays.rule import RULE, rule_scores
 from jaxmm.thesis.evidence import evidence_features, viewpoint_of
 from jaxmm.thesis.repository import Scorer, find_pairs, find_weights, nn_raw, score_pair

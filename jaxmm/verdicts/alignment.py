@@ -16,6 +16,7 @@ from jaxmm.formats.units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, f
 from jaxmm.inputs import Misfit
 from jaxmm.verdicts.priors import Y_UP_TO_Z_UP, Prior, distance_from, read_prior
 from jaxmm.verdicts.scan_frames import ALIKE, CLEARER, LEAST, MEANINGS, OwnScan, as_it_fits, by_sight
+from warp_scanner.buildings.model_files import Model
 
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
 ON_A_MAP, TALL_ROOM = 5000.0, 50.0  # [m] a scan so far away is on a map grid; so high, it is in a small unit
@@ -114,11 +115,11 @@ def _compared(laid: LaidScan, stated: np.ndarray | None, in_world: bool) -> Laid
     return laid._replace(doubts=(*laid.doubts, told)) if in_world else laid._replace(notes=(*laid.notes, told))
 
 
-def fitting_prior(path: Path, options: Any, scans: list[OwnScan], unit: float | None) -> Prior:
+def fitting_prior(path: Path | Model, options: Any, scans: list[OwnScan], unit: float | None) -> Prior:
     """The prior; of a mesh or cloud whose axes and unit nobody told, the way to read it in which the scans lie on it.
 
     Args:
-        path: its file.
+        path: its file, or the files of a model.
         options: buildings.ReadOptions, how to read it; a unit of 1 counts as untold.
         scans: all whose pose is not to be searched; without any it is read as told.
         unit: [m] of the scans if it is known.
@@ -174,7 +175,7 @@ class _Way(NamedTuple):
     carried: bool = False  # by the pose in its file
 
 
-def _ways(path: Path, options: Any, prior: Prior) -> Iterator[_Way]:
+def _ways(path: Path | Model, options: Any, prior: Prior) -> Iterator[_Way]:
     """As it was read, then with the other axis up, then moved by a pose in its file that may be meant so."""
     yield _Way(options)
     if options.y_up is None:
@@ -189,7 +190,7 @@ def _carried(options: Any, prior: Prior) -> _Way:
 
 
 def _told_by_sight(
-    path: Path, options: Any, prior: Prior, scans: list[OwnScan], as_it_is: float, unit: float | None
+    path: Path | Model, options: Any, prior: Prior, scans: list[OwnScan], as_it_is: float, unit: float | None
 ) -> Prior:
     """A cloud on which the scans lie alike whether the pose in its file moves it or not, in the way that it was seen.
 

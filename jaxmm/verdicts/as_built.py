@@ -6,21 +6,23 @@ A wall that stands 60 mm off its place is neither gone nor new. Deviations are m
 the model with every element where it stands, so that nothing is held for new, gone or hidden for having moved a little.
 """
 
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.deviations.deviation import Deviation, deviations_of, is_told, shifted
+from jaxmm.classes.selection import CLASSES
+from jaxmm.deviations.deviation import Deviation, Faces, deviations_by, is_told, shifted
 from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
-from jaxmm.deviations.shifted_columns import columns_of, shifts_of
+from jaxmm.deviations.shifted_columns import Beside, columns_of, shifts_by
 from jaxmm.deviations.tolerances import DeviationSettings
-from jaxmm.rays.scan_rays import ScanRays
 from jaxmm.verdicts.behind_removed import filling
 from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior
-from jaxmm.verdicts.settings import CLASSES, DetectSettings
+from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, UNSCANNED, Verdict
-from warp_scanner.scenes.building import element_bounds, move_element
+from warp_scanner.scenes.building import element_bounds
+from warp_scanner.scenes.building_edits import move_element
 from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.triangles import prepare
 
@@ -44,29 +46,45 @@ class AsBuilt(NamedTuple):
         return self._replace(deviations={row: one for row, one in self.deviations.items() if one.scans[0] < scans})
 
 
-def as_built(prior: Prior, rays: list[ScanRays], placed: list[Placed], settings: DetectSettings) -> AsBuilt:
-    """Measure what stands where; a cloud has no elements, and the thesis's preset knows of none that moved."""
-    if not prior.has_elements or settings.preset == "thesis":
-        return AsBuilt(prior, {}, np.zeros(0))
-    trust = [_trust(one, settings.refine) for one in placed]
+def as_built(
+    prior: Prior,
+    shown: list[Faces],
+    beside: Iterable[Beside],
+    again: Callable[[Prior, np.ndarray], list[Faces]],
+    settings: DetectSettings,
+) -> AsBuilt:
+    """Measure what stands where.
+
+    Args:
+        prior: a building.
+        shown: of its faces, by each scan.
+        beside: what each scan shows about its columns, scan after scan.
+        again: what each shows of some elements (n,) int of a prior of which columns were moved.
+        settings: how.
+    """
     limits = settings.deviations
     tolerance = tolerances(prior, limits)
-    found = deviations_of(prior.scene, rays, trust, tolerance)
+    found = deviations_by(prior.scene, shown, tolerance)
     # Farther than that it is another thing, or the same one that was moved.
     found = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= limits.most + MOST_HALF}
     moved = {row: _step(one) for row, one in found.items() if _is_off(one)}
     # What stands beside its place is where its rays pass.
     lost = [row for row in columns_of(prior.scene) if row not in found or found[row].stands < WHOLLY]
-    shifts = shifts_of(prior.scene, rays, np.array(lost, int), limits.most)
+    shifts = shifts_by(prior.scene, beside, np.array(lost, int), limits.most)
     if shifts:
         there = _with_moved(prior, moved | {row: (one.step, np.zeros(3)) for row, one in shifts.items()}, found)
-        again = deviations_of(there.scene, rays, trust, tolerance)
+        laid = deviations_by(there.scene, again(there, np.array(list(shifts))), tolerance)
         for row, shift in shifts.items():
-            one = shifted(again[row], shift) if row in again and again[row].stands >= STANDS else None
+            one = shifted(laid[row], shift) if row in laid and laid[row].stands >= STANDS else None
             if one is not None and np.linalg.norm(one.offset) <= limits.most + MOST_HALF:
                 found[row], moved[row] = one, _step(one)
     now = _with_moved(prior, moved, found) if moved else prior
     return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)}, tolerance)
+
+
+def knows_deviations(prior: Prior, settings: DetectSettings) -> bool:
+    """Whether anything is measured: a cloud has no elements, and the thesis's preset knows of none that moved."""
+    return prior.has_elements and settings.preset != "thesis"
 
 
 def _is_off(one: Deviation) -> bool:
@@ -100,7 +118,8 @@ def with_displaced(verdicts: list[Verdict], stands: AsBuilt, least_rays: int) ->
     return found
 
 
-def _trust(one: Placed, refine: bool) -> str:
+def trust_in(one: Placed, refine: bool) -> str:
+    """How far the pose of a scan is believed, one of pose_errors.TRUSTS."""
     if not refine:
         return EXACT
     return KEPT if one.shift <= KEPT_SHIFT and one.turn <= KEPT_TURN else REGISTERED

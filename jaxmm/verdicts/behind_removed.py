@@ -11,10 +11,10 @@ import numpy as np
 from jaxmm.learning.boxes import Box
 from jaxmm.learning.prediction import Judges, Side, judge
 from jaxmm.objects.clues import ONTO
-from jaxmm.rays.evidence import SUPPORT, View
+from jaxmm.rays.evidence import SUPPORT, Frame, View
 from jaxmm.rays.scan_rays import ScanRays
 from jaxmm.verdicts import standing_alone
-from jaxmm.verdicts.building_evidence import Sighting, sight
+from jaxmm.verdicts.building_evidence import sight
 from jaxmm.verdicts.hanging_openings import FILLINGS
 from jaxmm.verdicts.mismatch_points import inside
 from jaxmm.verdicts.mismatches import KINDS, Looked
@@ -32,25 +32,42 @@ FRAME = 0.1  # [m] by which a door or a window may stand out of its wall, or be 
 HID = 2  # times as many points of an element as before, from which it is asked for again
 
 
+class Again(NamedTuple):
+    """One scan compared with what remains."""
+
+    robot: View
+    frame: Frame
+    expected: np.ndarray  # (P,) float32 [m] what its rays should then have met
+
+
 class Past(NamedTuple):
     """One scan, and what it tells of elements past those that it shows to be gone."""
 
     told: Told
     removed: Side  # with points of what was hidden
     gone: np.ndarray  # (E,) bool, with the doors and windows in them
-    seen: Sighting | None = None  # compared with what remains; None where nothing is gone
+    seen: Again | None = None  # None where nothing is gone
+
+
+class Says(NamedTuple):
+    """What one scan tells of elements, and what of it does not hang on how well its pose is known."""
+
+    told: Told
+    sure: Told
+
+
+def past_nothing(one: Looked, told: Told) -> Past:
+    """A scan of which nothing is known to be gone yet."""
+    return Past(told, one.removed, np.zeros(len(told.scanned), bool))
 
 
 def look_past_what_is_gone(
-    prior: Prior,
-    looked: list[Looked],
-    told: list[Told],
-    judges: Judges,
+    building: Building,
+    says: list[Says],
     limits: VerdictSettings,
-    *,
-    sure: Callable[[list[Told]], list[Told]] = list,
-) -> tuple[list[Looked] | None, list[Told]]:
-    """The scans, and what they tell of elements, compared again without what is gone, of whatever class it is.
+    again: Callable[[np.ndarray], list[Says | None]],
+) -> list[Says]:
+    """What scans tell of elements, compared again without what is gone, of whatever class it is.
 
     What stands behind a wall that is gone is beyond what its rays should have met, as old things there are; it is
     before what remains, as new things are. Points on what is called gone, as on a part of it that still stands, or a
@@ -60,32 +77,17 @@ def look_past_what_is_gone(
     but the first. What that shows to be gone is taken away in turn, of each scan what it has seen itself.
 
     Args:
-        prior: a building.
-        looked: each scan.
-        told: what each tells.
-        judges: the models.
+        building: the prior's.
+        says: what each scan tells; nothing but what is sure makes an element count as gone.
         limits: when elements are gone.
-        sure: leaves of what scans tell what does not hang on how well their poses are known; nothing else is gone.
-
-    Returns:
-        Both, what is told as it came, not only what is sure; None for the scans where nothing is gone, or everything at
-        once.
+        again: asks each scan once more, by `ask_again`, without what is gone (E,) bool; of those that show nothing more
+            to be gone it is None.
     """
-    nothing = np.zeros(len(prior.scene.triangles.semantic), bool)
-    views = [Past(says, one.removed, nothing) for one, says in zip(looked, told, strict=True)]
     while True:
-        gone = gone_of(prior.building, verdicts_of(sure([one.told for one in views]), limits))
-        again = [_asked_again(prior, one, view, gone, judges, limits) for one, view in zip(looked, views, strict=True)]
-        if all(new is old for new, old in zip(again, views, strict=True)):
-            break
-        views = again
-    if all(one.seen is None for one in views):
-        return None, told
-    past = [
-        one if view.seen is None else _judged_anew(prior, one, view, judges)._replace(removed=view.removed)
-        for one, view in zip(looked, views, strict=True)
-    ]
-    return past, [one.told for one in views]
+        new = again(gone_of(building, verdicts_of([one.sure for one in says], limits)))
+        if all(one is None for one in new):
+            return says
+        says = [old if one is None else one for old, one in zip(says, new, strict=True)]
 
 
 def gone_of(building: Building, verdicts: list[Verdict]) -> np.ndarray:
@@ -124,10 +126,8 @@ def remains_of(prior: Prior, gone: np.ndarray) -> Prior:
     return prior._replace(scene=prepare_part(triangles, ~gone[triangles.element]))
 
 
-def _asked_again(
-    prior: Prior, one: Looked, view: Past, gone: np.ndarray, judges: Judges, limits: VerdictSettings
-) -> Past:
-    """The same view where the scan shows nothing more to be gone; else what it tells without all that."""
+def ask_again(prior: Prior, one: Looked, view: Past, gone: np.ndarray, judges: Judges, limits: VerdictSettings) -> Past:
+    """The same view where the scan shows nothing more to be gone (E,); else what it tells without all that."""
     fresh = gone & is_seen(view.told.rays, limits) & ~view.gone
     if not fresh.any():
         return view
@@ -143,7 +143,8 @@ def _asked_again(
         new = judge(judges, seen.prior, seen.frame, "removed")
         side = _joined(_some(side, ~hidden[side.view.element]), _some(new, hidden[seen.prior.element]))
     reached = view.told.scanned | seen.reached
-    return Past(told_of(reached, side.view.element, side.view.count, side.probability), side, now, seen)
+    told = told_of(reached, side.view.element, side.view.count, side.probability)
+    return Past(told, side, now, Again(seen.robot, seen.frame, seen.expected.distance))
 
 
 def _wait(prior: Prior, rays: ScanRays, fresh: np.ndarray) -> np.ndarray:
@@ -167,8 +168,12 @@ def _joined(one: Side, other: Side) -> Side:
     return Side(view, *(np.concatenate(both) for both in zip(one[1:], other[1:], strict=True)))
 
 
-def _judged_anew(prior: Prior, one: Looked, view: Past, judges: Judges) -> Looked:
+def judged_anew(prior: Prior, one: Looked, view: Past, judges: Judges) -> Looked:
     """One scan, the robot's points past what is gone compared with what remains."""
+    return one if view.seen is None else _judged_anew(prior, one, view, judges)._replace(removed=view.removed)
+
+
+def _judged_anew(prior: Prior, one: Looked, view: Past, judges: Judges) -> Looked:
     rays, old, seen = one.rays, one.added.view, view.seen
     fresh = (seen.robot.count != old.count).any(axis=1) & (old.count[:, SUPPORT] == 0)
     if not fresh.any():
@@ -180,7 +185,7 @@ def _judged_anew(prior: Prior, one: Looked, view: Past, judges: Judges) -> Looke
     mixed = View(*(None if a is None else _chosen(fresh, a, b) for a, b in zip(seen.robot, old, strict=True)))
     side = judge(judges, mixed, seen.frame, "added")
     pillar, wall = (_chosen(fresh, a, b) for a, b in zip(side[1:], one.added[1:], strict=True))
-    expected, new = one.expected.copy(), seen.expected.distance
+    expected, new = one.expected.copy(), seen.expected
     differs = np.flatnonzero((new != expected) & np.isfinite(rays.distance))
     past = differs[np.abs(rays.distance[differs] - expected[differs]) > APART]
     ends = rays.position + rays.direction[past] * rays.distance[past, None].astype(np.float64)

@@ -65,8 +65,9 @@ def surfaces_along(scene: TriangleScene, rays: ScanRays) -> np.ndarray:
     """
     direction, found = rays.pattern, []
     origin, last = np.tile(rays.position, (len(direction), 1)), np.full(len(direction), -1)
+    start = rays.position[None]  # of all rays of the first layer, which are ten times as fast for it
     for _ in range(LAYERS):
-        scan = cast_triangles(scene, Rays(origin[None], direction[None]))
+        scan = cast_triangles(scene, Rays(start, direction[None]))
         reach, element = scan.distance[0].astype(np.float64), scan.element[0]
         hit = np.isfinite(reach) & (np.linalg.norm(origin - rays.position, axis=1) + reach <= rays.limit)
         if not hit.any():
@@ -76,6 +77,7 @@ def surfaces_along(scene: TriangleScene, rays: ScanRays) -> np.ndarray:
         found.append(places[entered].astype(np.float32))
         direction, last = direction[hit], element[hit]
         origin = places + direction * BEYOND
+        start = origin[None]
     return np.concatenate(found) if found else np.zeros((0, 3), np.float32)
 
 

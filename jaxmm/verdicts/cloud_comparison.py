@@ -9,9 +9,9 @@ import numpy as np
 
 from jaxmm.inputs import InputError
 from jaxmm.rays.cloud_evidence import FOOTPRINT, LEVELS, MOST_ANGLE, CloudPair, frame_of_pair, prior_view, robot_view
+from jaxmm.rays.cloud_levels import NEAR, UNKNOWN, levels_about, own_ceilings
 from jaxmm.rays.evidence import BLOCKED, SUPPORT, Frame, View, margins
 from jaxmm.rays.scan_rays import ScanRays, measured_points
-from jaxmm.verdicts.cloud_levels import NEAR, UNKNOWN, levels_about, own_ceilings
 from warp_scanner.clouds.neighbours import nearest
 from warp_scanner.clouds.sightlines import Targets, cells_of, look, sort_directions
 from warp_scanner.clouds.voxels import thin_clouds

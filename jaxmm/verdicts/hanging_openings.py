@@ -16,17 +16,17 @@ TOUCHES = 0.05  # [m] between what fills an opening and what it is in, at most
 LEAST_HEIGHT = 0.5  # [m] of what fills an opening of a wall; what is lower is a skylight
 
 
-def without_hanging(prior: Prior, kept: list[int]) -> Prior:
+def without_hanging(prior: Prior, kept: np.ndarray) -> Prior:
     """The prior whose surface lacks all doors and windows that hang, with a note; as it is where none does, or all.
 
     Args:
         prior: of any kind.
-        kept: semantic classes whose elements stay, as somebody asks for their verdict.
+        kept: (E,) bool, elements that stay, as somebody asks for their verdict.
     """
     if prior.building is None:
         return prior
     rows = hanging(prior.building)
-    rows = rows[~np.isin(prior.building.elements.semantic[rows], kept)]
+    rows = rows[~kept[rows]]
     triangles = prior.building.triangles
     stays = ~np.isin(triangles.element, rows)
     if stays.all() or not stays.any():

@@ -55,8 +55,8 @@ def surfaces_of(prior: Prior, scan: PosedScan) -> Surfaces:
         return to_prior(points + prior.origin, reach)
 
     if not prior.has_elements:
-        return Surfaces(prior.cloud, distance, lambda _, ends: distance(ends, ON))
-    return Surfaces(surfaces_along(prior.scene, rays_of_scan(scan)), distance, partial(_off, prior.scene))
+        return Surfaces(lambda: prior.cloud, distance, lambda _, ends: distance(ends, ON))
+    return Surfaces(lambda: surfaces_along(prior.scene, rays_of_scan(scan)), distance, partial(_off, prior.scene))
 
 
 def _off(scene: TriangleScene, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:

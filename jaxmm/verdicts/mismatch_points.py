@@ -3,17 +3,25 @@
 N points of the robot's scans, M of the prior's, as in `report.Drawing`.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.learning.boxes import Box
-from jaxmm.rays.evidence import SUPPORT, THROUGH
-from jaxmm.verdicts.results import Detection, Mismatch
+from jaxmm.learning.prediction import Side
+from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH
+from jaxmm.rays.scan_rays import PosedScan
+from jaxmm.verdicts.priors import Prior
+from jaxmm.verdicts.results import Detection, Drawing, Mismatch
 from warp_scanner.scenes.building import Triangles
 from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.sensors import Pinhole
 from warp_scanner.sensors.triangles import cast_triangles, clearance, prepare
 
+MOST_DRAWN = 500_000  # points of either side that are drawn: of more, as many as any screen tells apart
+CHANGED = 0.5  # probability from which a point has probably changed: of those all are drawn
 MARGIN = 0.1  # [m] about a box: points are thinned to about this, and a box need not hold the noise
 FARTHEST = 100.0  # [m] off the model's surface, beyond which no distance is told
 
@@ -23,6 +31,7 @@ class MismatchPoints(NamedTuple):
 
     robot: np.ndarray  # (N,) int32 index of the added mismatch; -1 for points that show none
     prior: np.ndarray  # (M,) int32 index of the removed mismatch; -1
+    unexplained: np.ndarray  # (N,) bool: of no mismatch, but of something else that is not in the model
 
 
 def mismatch_points(detection: Detection) -> MismatchPoints:
@@ -34,18 +43,22 @@ def mismatch_points(detection: Detection) -> MismatchPoints:
     """
     drawing = detection.drawing
     robot, prior = (np.full(len(points), -1, np.int32) for points in (drawing.robot, drawing.prior))
-    row_of = {name: row for row, name in enumerate(drawing.guid)}
+    row_of = drawing.rows()
     for index, one in enumerate(detection.mismatches):
         if one.mismatch_type == "added":
             robot[inside(one, drawing.robot, drawing.origin) & (drawing.robot_evidence != SUPPORT)] = index
-        elif one.element in row_of:
-            prior[drawing.prior_element == row_of[one.element]] = index
+        elif one.key in row_of:
+            prior[drawing.prior_element == row_of[one.key]] = index
         else:
             prior[inside(one, drawing.prior, drawing.origin) & (drawing.prior_evidence == THROUGH)] = index
-    return MismatchPoints(robot, prior)
+    unexplained = np.zeros(len(robot), bool)
+    for thing in detection.unexplained:
+        unexplained |= inside(thing, drawing.robot, drawing.origin)
+    unexplained &= (robot < 0) & (drawing.robot_evidence == BLOCKED)
+    return MismatchPoints(robot, prior, unexplained)
 
 
-def inside(mismatch: Mismatch | Box, offsets: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def inside(mismatch: Mismatch | Box | Unexplained, offsets: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Which points (N,) lie in a box, as of a mismatch, or within MARGIN of it.
 
     Args:
@@ -87,3 +100,49 @@ def signed_distances(detection: Detection) -> np.ndarray | None:
             behind = reach > cast_triangles(scene, rays).distance[0]
             distance[own[behind]] *= -1.0
     return distance
+
+
+def drawing_of(prior: Prior, drawn: Sequence[tuple[Side, Side]], scans: Sequence[PosedScan]) -> Drawing:
+    """The points and surfaces behind a detection.
+
+    Args:
+        prior: as the model has it.
+        drawn: of each scan both sides, the robot's and the prior's, one scan after another.
+        scans: where each was taken from; their points are not asked for.
+    """
+    robot, old, number = [], [], []
+    share = MOST_DRAWN // max(1, len(drawn))
+    for scan, (added, removed) in enumerate(drawn):
+        one, other = _told_points(added, share), _told_points(removed, share)
+        robot.append(one[:3])
+        old.append(other)
+        number.append(np.full(len(one[0]), scan, np.int32))
+    triangles, table = (prior.building.triangles, prior.building.elements) if prior.has_elements else (None, None)
+    points, probability, evidence, element = (np.concatenate(one) for one in zip(*old, strict=True))
+    return Drawing(
+        prior.origin, *(np.concatenate(one) for one in zip(*robot, strict=True)), np.concatenate(number),
+        points, probability, evidence, element.astype(np.int32),
+        table.guid if table else (),
+        *((triangles.vertices, triangles.faces, triangles.element) if triangles is not None else (None, None, None)),
+        tuple(_corners(one) for one in scans),
+        *((table.file, tuple(tuple((one.file, one.guid) for one in own) for own in table.twins)) if table else ()),
+    )  # fmt: skip
+
+
+def _told_points(side: Side, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points, probability, evidence and element of a side; of one that has more than so many, those of a share."""
+    fields = side.view.points, side.probability, side.evidence, side.view.element
+    count = len(fields[0])
+    if count <= most:
+        return fields
+    chosen = (np.arange(count) % -(-count // most) == 0) | (fields[1] >= CHANGED)
+    return tuple(field[chosen] for field in fields)
+
+
+def _corners(scan: PosedScan) -> np.ndarray:
+    """Unit vectors (4, 3) to the corners of a camera's picture, in order around it; (0, 3) of any other sensor."""
+    if not isinstance(scan.sensor, Pinhole):
+        return np.zeros((0, 3), np.float32)
+    wide, high = (np.tan(np.radians(fov) / 2) for fov in (scan.sensor.horizontal_fov, scan.sensor.vertical_fov))
+    corners = np.array([[1.0, y, z] for y, z in ((wide, high), (-wide, high), (-wide, -high), (wide, -high))])
+    return (corners / np.linalg.norm(corners, axis=1, keepdims=True) @ scan.rotation.T).astype(np.float32)

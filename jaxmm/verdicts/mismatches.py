@@ -4,6 +4,7 @@ S scans, N points of one side of all scans, E elements. Positions are offsets fr
 metres, z up; mismatches come back in the world.
 """
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -54,10 +55,11 @@ class Looked(NamedTuple):
 
 def mismatches_of(
     prior: Prior,
-    looked: list[Looked],
+    looked: Sequence[Looked],
     verdicts: list[Verdict] | None,
     settings: DetectSettings,
-    past_gone: list[Looked] | None = None,
+    past_gone: Sequence[Looked] | None = None,
+    alone: Callable[[list[int]], list[list[Alone]]] | None = None,
 ) -> tuple[Mismatch, ...]:
     """All mismatches of all scans together: removed ones first, the most probable first among each.
 
@@ -69,9 +71,10 @@ def mismatches_of(
         past_gone: the same scans compared with what remains of the building, where something is gone. Of what these
             show to be new only that counts which may be what is gone, off its place, and instead of what is seen of it
             without: furniture in the next room would count, too.
+        alone: what each scan says of some elements, one by one; None: found here.
     """
     if verdicts is not None and settings.preset != "thesis":
-        gone = _gone(prior, looked, verdicts)
+        gone = _gone(prior, verdicts, alone or (lambda rows: [alone_of(prior, one.rays, rows) for one in looked]))
         is_gone = np.array([one.verdict == REMOVED for one in verdicts], bool)
         prior = prior._replace(known=prior.known._replace(gone=is_gone))
     else:
@@ -92,15 +95,23 @@ def shown_by_each(found: tuple[Mismatch, ...], scans: int) -> tuple[np.ndarray, 
     return (rays > 0).sum(axis=0), ((rays > 0) & (others < LEAST_MET)).sum(axis=0)
 
 
-def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[Mismatch]:
+def alone_of(prior: Prior, rays: ScanRays, rows: list[int]) -> list[Alone]:
+    """What a scan says of each of some elements that are held for removed, if nothing else stood there."""
+    return [standing_alone.of_element(prior.scene, row, rays) for row in rows]
+
+
+def _gone(
+    prior: Prior, verdicts: list[Verdict], alone_of_rows: Callable[[list[int]], list[list[Alone]]]
+) -> list[Mismatch]:
     """The walls and columns whose verdict is removed, with their own boxes."""
     building, found = prior.building, []
-    for row, verdict in enumerate(verdicts):
-        kind = KINDS.get(int(building.elements.semantic[row]))
-        if verdict.verdict != REMOVED or kind is None:
-            continue
+    semantic = building.elements.semantic
+    rows = [row for row, one in enumerate(verdicts) if one.verdict == REMOVED and int(semantic[row]) in KINDS]
+    if not rows:
+        return []
+    for row, *alone in zip(rows, *alone_of_rows(rows), strict=True):
+        kind, verdict = KINDS[int(semantic[row])], verdicts[row]
         change = of_element(building, row)
-        alone = [standing_alone.of_element(prior.scene, row, one.rays) for one in looked]
         box = Box(kind, change.center.astype(np.float64), change.size.astype(np.float64), float(change.yaw))
         box = box._replace(probability=verdict.probability)
         if kind == "pillar" and is_round(change.triangles.vertices):
@@ -110,6 +121,7 @@ def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[M
         found.append(
             _mismatch(prior, box, "removed", alone)._replace(
                 element=building.elements.guid[row],
+                file=building.elements.file[row],
                 type_probability=1.0,
                 standing=standing,
                 shaft=shaft_size(change) if kind == "pillar" else None,
@@ -118,7 +130,7 @@ def _gone(prior: Prior, looked: list[Looked], verdicts: list[Verdict]) -> list[M
     return found
 
 
-def _all_fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSettings) -> list[Mismatch]:
+def _all_fitted(prior: Prior, looked: Sequence[Looked], change: str, settings: DetectSettings) -> list[Mismatch]:
     """Objects of one side, storey by storey: each has a floor and a ceiling of its own."""
     floor, storeys = [one.levels[0] for one in looked], []
     for number in sorted(range(len(looked)), key=floor.__getitem__):
@@ -129,8 +141,21 @@ def _all_fitted(prior: Prior, looked: list[Looked], change: str, settings: Detec
     return [
         found._replace(told_by=_of_all(found.told_by, storey, len(looked)))
         for storey in storeys
-        for found in _fitted(prior, [looked[number] for number in storey], change, settings)
+        for found in _fitted(prior, _Some(looked, storey), change, settings)
     ]
+
+
+class _Some(Sequence[Looked]):
+    """Some scans of a sequence that may load each when it is asked for."""
+
+    def __init__(self, every: Sequence[Looked], chosen: list[int]):
+        self._every, self._chosen = every, chosen
+
+    def __getitem__(self, number: int) -> Looked:
+        return self._every[self._chosen[number]]
+
+    def __len__(self) -> int:
+        return len(self._chosen)
 
 
 def _of_all(rays: tuple[int, ...], storey: list[int], scans: int) -> tuple[int, ...]:
@@ -139,7 +164,7 @@ def _of_all(rays: tuple[int, ...], storey: list[int], scans: int) -> tuple[int, 
     return tuple(told.get(number, 0) for number in range(scans))
 
 
-def _fitted(prior: Prior, looked: list[Looked], change: str, settings: DetectSettings) -> list[Mismatch]:
+def _fitted(prior: Prior, looked: Sequence[Looked], change: str, settings: DetectSettings) -> list[Mismatch]:
     """Objects fitted to the points of one side that the models hold for changed."""
     judged = judged_side(looked, change)
     if not len(judged.points):
@@ -205,7 +230,7 @@ def _below_roof(prior: Prior, box: Box, seen: float) -> Box:
     return box._replace(center=center, dimensions=dimensions)
 
 
-def judged_side(looked: list[Looked], change: str) -> Judged:
+def judged_side(looked: Sequence[Looked], change: str) -> Judged:
     """One side of all scans together: of a place that several saw, one point has what all say."""
     sides = [getattr(one, change) for one in looked]
     points = np.concatenate([side.view.points for side in sides])
@@ -225,7 +250,7 @@ def judged_side(looked: list[Looked], change: str) -> Judged:
     return _with_sky(judged, looked) if change == "added" else judged
 
 
-def _with_sky(judged: Judged, looked: list[Looked]) -> Judged:
+def _with_sky(judged: Judged, looked: Sequence[Looked]) -> Judged:
     """The same with points beyond all others, where nothing came back and nothing should: there one looks through."""
     skies = [_sky(one).astype(judged.points.dtype) for one in looked]
     scan = np.repeat(np.arange(len(skies)), [len(sky) for sky in skies])
@@ -266,7 +291,7 @@ def _face(box: Box, points: np.ndarray) -> np.ndarray | None:
     return np.sort((points - box.center)[:, :2] @ long_axis(box.dimensions, box.rotation))
 
 
-def _alone(box: Box, change: str, looked: list[Looked], face: np.ndarray | None = None) -> list[Alone]:
+def _alone(box: Box, change: str, looked: Sequence[Looked], face: np.ndarray | None = None) -> list[Alone]:
     if change == "removed":
         return [standing_alone.of_gone_box(box, one.rays) for one in looked]
     return [standing_alone.of_box(box, one.expected, one.rays, face) for one in looked]

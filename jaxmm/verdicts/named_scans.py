@@ -5,6 +5,7 @@ Positions are offsets from the prior's origin, world axes: metres, z up.
 
 from typing import NamedTuple
 
+from jaxmm.formats.dates import Taken
 from jaxmm.inputs import InputError, Misfit
 from jaxmm.rays.range_noise import settled
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
@@ -31,6 +32,7 @@ class NamedScan(NamedTuple):
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()  # those of its notes that say that its points contradict its pose
     whole: PosedScan | None = None  # with all its points as they were measured, where some were drawn from it to settle
+    taken: Taken | None = None  # when; None where nobody knows
 
 
 def settled_scan(one: NamedScan) -> NamedScan:

@@ -1,13 +1,19 @@
-"""Scans from outside a building: only new objects inside of it are reported.
+"""What is in a building and what is outside of it: only new objects inside of it are reported.
 
 Trees, cars and other houses are in no building model. N points. Positions are offsets from the prior's origin, world
 axes: metres, z up.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from jaxmm.classes.unexplained import Unexplained, UnexplainedSettings, unexplained_things
+from jaxmm.rays.evidence import BLOCKED
+from jaxmm.verdicts.mismatch_points import inside
 from jaxmm.verdicts.mismatches import Looked
 from jaxmm.verdicts.priors import Prior
+from jaxmm.verdicts.results import Mismatch
 from warp_scanner.scenes.building import Triangles, bounds, element_bounds
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, PILLAR, WALL, WINDOW
 from warp_scanner.sensors.scan import Rays
@@ -176,6 +182,30 @@ def _within(points: np.ndarray, triangles: Triangles, beside: float) -> np.ndarr
     low, high = (corner.astype(np.float64) for corner in bounds(triangles))
     aside = np.array([beside, beside, 0.0])
     return np.all((points >= low - aside) & (points <= high + aside + np.array([0.0, 0.0, ABOVE])), axis=1)
+
+
+def things_not_in_model(
+    prior: Prior, looked: list[Looked], found: Sequence[Mismatch], settings: UnexplainedSettings
+) -> tuple[Unexplained, ...]:
+    """What all scans show before the prior's surface and far from it, in the building, and of no mismatch; world frame.
+
+    Args:
+        prior: what should be there; of a cloud counts what it had seen empty.
+        looked: each scan.
+        found: all mismatches.
+        settings: what counts.
+    """
+    own = [np.zeros((0, 3))]
+    for one in looked:
+        view = one.added.view
+        own.append(view.points[view.candidate & (view.count[:, BLOCKED] > 0) & (view.apart >= settings.apart)])
+    points = np.concatenate(own)
+    for one in found:
+        points = points[~inside(one, points, prior.origin)]
+    if prior.has_elements and len(points):
+        points = points[indoors(prior, points)]
+    things = unexplained_things(points, settings)
+    return tuple(one._replace(center=one.center + prior.origin) for one in things)
 
 
 def of_building_only(prior: Prior, looked: Looked) -> Looked:

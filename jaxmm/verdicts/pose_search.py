@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from jaxmm.inputs import Misfit
 from jaxmm.rays.scan_rays import drawn, overtaken
-from jaxmm.verdicts.free_places import free_places
 from jaxmm.verdicts.panoramas import AZIMUTHS, LEAST_SPAN, fits_of, panorama_of, span_of_azimuth, upright_of
 from jaxmm.verdicts.priors import Prior
+from warp_scanner.buildings.free_places import free_places
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import TriangleScene, cast_faces, face_normals

@@ -3,12 +3,15 @@
 M points, E elements. Positions are float64 in the world, and float32 offsets from the prior's origin; metres, z up.
 """
 
+import hashlib
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from jaxmm.classes.telling_rays import Known
+from jaxmm.files import sha256_of
 from jaxmm.formats.readers import READERS, PointScan, read_scans
 from jaxmm.formats.units import Distance
 from jaxmm.inputs import InputError
@@ -21,7 +24,10 @@ from jaxmm.rays.scan_rays import PosedScan, drawn, overtaken
 from jaxmm.verdicts.results import PriorFile
 from warp_scanner.buildings.changes import Change, of_element
 from warp_scanner.buildings.files import read_building
+from warp_scanner.buildings.ifc_zips import is_ifc
 from warp_scanner.buildings.mesh_files import SUFFIXES
+from warp_scanner.buildings.model_files import KNOWN, Model, has_surface
+from warp_scanner.buildings.projects import read_model
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.scenes.building import AS_IT_IS, Building, ReadOptions, element_bounds, remarks
 from warp_scanner.scenes.scenes import PILLAR, WALL
@@ -60,18 +66,20 @@ class Prior(NamedTuple):
         return self.scene is not None
 
 
-def read_prior(path: Path | str, options: ReadOptions = AS_IT_IS, *, carried: bool = False) -> Prior:
+def read_prior(path: Path | str | Model, options: ReadOptions = AS_IT_IS, *, carried: bool = False) -> Prior:
     """The prior in a file: IFC, a mesh, or a point cloud, by the ending; a PLY file without faces is a cloud.
 
     Args:
-        path: its file.
+        path: its file, or the files of a model.
         options: how to read it; of a cloud, its unit and which axis is up.
         carried: the points of a cloud are in the sensor's frame, where its file says a pose and not what they are in.
 
     Raises:
         InputError: one line that names the file and what is wrong with it.
     """
-    path = Path(path)
+    if isinstance(path, Model) and len(path.files) > 1:
+        return _prior_of_model(path, options)
+    path = path.files[0].path if isinstance(path, Model) else Path(path)
     if not path.is_file():
         raise InputError(f"{path}: expected a prior, found {'a folder' if path.is_dir() else 'nothing there'}")
     kind = kind_of(path)
@@ -80,7 +88,8 @@ def read_prior(path: Path | str, options: ReadOptions = AS_IT_IS, *, carried: bo
             building = read_building(path, options)
         except (ValueError, ImportError) as error:
             raise InputError(str(error)) from error
-        return prior_of_building(building)._replace(file=PriorFile(path.name, kind, building.unit, building.project))
+        file = PriorFile(path.name, kind, building.unit, building.project, sha256_of(path))
+        return prior_of_building(building)._replace(file=file)
     scans = [_upright(scan, bool(options.y_up)) for scan in read_scans(path)]
     if carried:
         scans = [carried_by_file(scan) for scan in scans]
@@ -90,7 +99,26 @@ def read_prior(path: Path | str, options: ReadOptions = AS_IT_IS, *, carried: bo
     (first, *others), untold = scans, None
     if not others and first.position is not None and not first.in_world:
         untold = first.position * options.unit, first.rotation
-    return prior._replace(stray=stray, file=PriorFile(path.name, kind, options.unit), untold=untold)
+    return prior._replace(
+        stray=stray, file=PriorFile(path.name, kind, options.unit, None, sha256_of(path)), untold=untold
+    )
+
+
+def _prior_of_model(model: Model, options: ReadOptions) -> Prior:
+    """The building that several files describe together."""
+    try:
+        building = read_model(model, options)
+    except (ValueError, ImportError) as error:
+        raise InputError(str(error)) from error
+    kind = "ifc" if model.has_ifc else "mesh"
+    file = PriorFile(model.name, kind, building.unit, building.project, _digest(model), building.sources)
+    return prior_of_building(building)._replace(file=file)
+
+
+def _digest(model: Model) -> str:
+    """The SHA-256 of the names and digests of all files, in hexadecimal: the same files give the same, in any order."""
+    told = sorted(f"{file.name} {sha256_of(file.path)}\n" for file in model.files)
+    return hashlib.sha256("".join(told).encode()).hexdigest()
 
 
 def carried_by_file(scan: PointScan) -> PointScan:
@@ -152,12 +180,12 @@ def kind_of(path: Path) -> str:
         InputError: an ending that no reader knows.
     """
     suffix = path.suffix.lower()
-    if suffix == ".ifc":
+    if is_ifc(path):
         return "ifc"
-    if suffix in SUFFIXES and not (suffix == ".ply" and not _has_faces(path)):
+    if suffix in SUFFIXES and has_surface(path):
         return "mesh"
     if suffix not in READERS:
-        known = ", ".join(sorted({".ifc", *SUFFIXES, *READERS}))
+        known = ", ".join(sorted({*KNOWN, *READERS}))
         raise InputError(f"{path}: expected a prior ending in one of {known}, got {suffix or 'no ending'}")
     return "cloud"
 
@@ -165,17 +193,21 @@ def kind_of(path: Path) -> str:
 def prior_of_building(building: Building) -> Prior:
     """A building that was read, ready for rays."""
     scene = prepare(building.triangles)
-    notes = (*remarks(building), *_unasked(building))
-    return Prior(building.origin, notes, building, scene, known=_known(building, scene))
+    return Prior(building.origin, tuple(remarks(building)), building, scene, known=_known(building, scene))
 
 
-def _unasked(building: Building) -> list[str]:
-    """That nobody tells of curtain walls, or of what may be a wall or a column by another name, where there is any."""
+def unasked(building: Building, asked: np.ndarray) -> list[str]:
+    """That nobody tells of curtain walls, or of what may be a wall or a column by another name, where there is any.
+
+    Args:
+        building: the model.
+        asked: (E,) bool, elements that get a verdict.
+    """
     classes = np.asarray(building.elements.ifc_class, str)
     low, high = element_bounds(building.triangles)
-    upright = (classes == PROXY) & (high[:, 2] - low[:, 2] >= UPRIGHT)
+    upright = ~asked & (classes == PROXY) & (high[:, 2] - low[:, 2] >= UPRIGHT)
     found = {
-        f"of the classes {', '.join(FACADE)}": int(np.isin(classes, FACADE).sum()),
+        f"of the classes {', '.join(FACADE)}": int((~asked & np.isin(classes, FACADE)).sum()),
         f"of the class {PROXY} and {UPRIGHT:g} m high or higher": int(upright.sum()),
     }
     return [
@@ -185,6 +217,17 @@ def _unasked(building: Building) -> list[str]:
         for what, count in found.items()
         if count
     ]
+
+
+def known_of(prior: Prior) -> Known:
+    """What is known of the elements of a building, for `telling_rays`."""
+    building, scene = prior.building, prior.scene
+    if len(scene.triangles.faces) != len(building.triangles.faces):
+        scene = prepare(building.triangles)  # of which the prior's lacks some
+    facades = {(one.file, guid) for one in building.wholes if one.ifc_class == FACADE[0] for guid in one.parts}
+    table = building.elements
+    in_facade = np.array([key in facades for key in zip(table.file, table.guid, strict=True)], bool)
+    return Known(scene, building.elements.ifc_class, building.clear, in_facade)
 
 
 def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:
@@ -285,12 +328,3 @@ def _frequent(values: np.ndarray) -> list:
         exact, often = np.unique(values[kind.ravel() == one], axis=0, return_counts=True)
         found.append(exact[np.argmax(often)].tolist())
     return found
-
-
-def _has_faces(path: Path) -> bool:
-    with open(path, "rb") as file:
-        header = file.read(65536).split(b"end_header")[0]
-    return any(
-        words[:2] == [b"element", b"face"] and len(words) > 2 and words[2] != b"0"
-        for words in (line.split() for line in header.splitlines())
-    )

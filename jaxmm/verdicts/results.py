@@ -4,21 +4,27 @@ World frame of the prior: metres, z up. N points of all robot scans, M points of
 the prior, V vertices, T triangles.
 """
 
-import math
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxmm.deviations.deviation import PRIVATE, Deviation
+from jaxmm.classes.unexplained import Unexplained
+from jaxmm.deviations.deviation import Deviation
+from jaxmm.formats.dates import Taken
 from jaxmm.learning.boxes import Box, sentence
-from jaxmm.rays.evidence import FRACTIONS
-from jaxmm.verdicts.verdicts import DISPLACED, PRESENT, REMOVED, STANDS, VERDICTS
+from jaxmm.learning.element_boxes import UprightBox
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, STANDS, VERDICTS
+from warp_scanner.scenes.building import Building, Source
 
+Key = tuple[str, str]  # file and GlobalId
 Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
+FORMAT = 2  # of report.json: counts up when a reader of the one before would go wrong; the first stated none
 MOST_NAMED = 5  # in notes on elements
 # Of a present element of which a part may be gone: share of the rays that tell of it, that pass, and how many at least.
 # In 1,001 verdicts of unchanged rooms and buildings, scanned as built, 8 elements have more.
 GONE, LEAST_THROUGH = 0.2, 100
+SEE_THROUGH, LEAST_PASSED = ("IfcDoor", "IfcWindow", "IfcPlate", "IfcCurtainWall"), 20  # rays
 PLURAL = {"wall": "walls", "pillar": "pillars"}
 
 
@@ -26,9 +32,11 @@ class PriorFile(NamedTuple):
     """The file that the scans were compared with."""
 
     file: str  # name, without folders
-    kind: str  # "ifc" | "mesh" | "cloud"
+    kind: str  # "ifc" | "mesh" | "cloud"; of a model of several files "ifc" where one of them is
     unit: float  # [m] length of its unit: an IFC file says it, for any other --prior-unit does, or how the scans fit
     project: str | None = None  # GlobalId of the IfcProject; None for all but IFC files
+    sha256: str | None = None  # of its bytes, in hexadecimal: the same model, or another state of it
+    sources: tuple[Source, ...] = ()  # its files, where it is a model of several
 
 
 class Mismatch(NamedTuple):
@@ -49,6 +57,12 @@ class Mismatch(NamedTuple):
     told_by: tuple[int, ...] = ()  # of each scan: rays that show that it is new, or gone; not in report.json
     standing: float = 0.0  # share of the rays that tell of a removed element, that end on it; not in report.json
     shaft: np.ndarray | None = None  # (2,) [m] edges of a removed column halfway up; not in report.json
+    file: str | None = None  # that the prior's element is of
+
+    @property
+    def key(self) -> Key:
+        """What tells its element from all others."""
+        return self.file or "", self.element or ""
 
 
 class ElementVerdict(NamedTuple):
@@ -64,6 +78,14 @@ class ElementVerdict(NamedTuple):
     rays: tuple[int, int, int, int]  # of the robot in the footprints of those, in the order of evidence.FRACTIONS
     next_view: Pose | None = None  # of an occluded element: the nearest free place that would show it
     deviation: Deviation | None = None  # how far off its place it stands; None where no face of it tells
+    box: UprightBox | None = None  # around it, where the model has it; None where nobody asked
+    file: str = ""  # that it is of; empty where the prior came as arrays
+    same_as: tuple[Key, ...] = ()  # elements of other files at the same place: one verdict for all of them
+
+    @property
+    def key(self) -> Key:
+        """What tells it from all others: files may share GlobalIds."""
+        return self.file, self.guid
 
 
 class ScanRecord(NamedTuple):
@@ -80,6 +102,7 @@ class ScanRecord(NamedTuple):
     shows: int = 0  # mismatches that some of its rays tell of
     alone: int = 0  # of those: all other scans together have too few rays to tell of so many
     doubts: tuple[str, ...] = ()  # those of its notes that say that it may be of another place, or pose
+    taken: Taken | None = None  # when; None where the scan came as arrays
 
     @property
     def doubted(self) -> bool:
@@ -104,6 +127,13 @@ class Drawing(NamedTuple):
     faces: np.ndarray | None  # (T, 3) int32
     face_element: np.ndarray | None  # (T,) int32 index into `guid`
     fields_of_view: tuple[np.ndarray, ...]  # of each scan: (4, 3) or (0, 3) float32, unit vectors of a camera's corners
+    file: tuple[str, ...] = ()  # (E,) of every element; empty where the prior came as arrays
+    twins: tuple[tuple[Key, ...], ...] = ()  # (E,) the same elements in other files, which have no surface of their own
+
+    def rows(self) -> dict[Key, int]:
+        """Index into `guid` of every element, and of what is the same in other files."""
+        own = zip(self.file or ("",) * len(self.guid), self.guid, strict=True)
+        return {key: row for row, keys in enumerate(self.twins) for key in keys} | {k: row for row, k in enumerate(own)}
 
 
 class Detection(NamedTuple):
@@ -118,6 +148,8 @@ class Detection(NamedTuple):
     notes: tuple[str, ...]  # what a user must know of how files were read and of what was found, a line each
     drawing: Drawing
     prior: PriorFile | None = None  # None where the prior came as arrays
+    date: str | None = None  # of what was found, as of `formats.dates`; None where nobody knows
+    unexplained: tuple[Unexplained, ...] = ()  # what is in no model, and neither a wall nor a column
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -152,6 +184,30 @@ class Detection(NamedTuple):
         return f"{', '.join(found) or 'no mismatch'}{told}"
 
 
+def once(elements: Iterable[ElementVerdict]) -> Iterator[ElementVerdict]:
+    """Elements without those that are the same as one before."""
+    seen: set[Key] = set()
+    for one in elements:
+        if seen.isdisjoint(one.same_as):
+            yield one
+        seen.add(one.key)
+
+
+def with_twins(
+    one: ElementVerdict, building: Building, row: int, asks_for: Callable[[str, int], bool]
+) -> Iterator[ElementVerdict]:
+    """The verdict of an element of a building, by its row, and of the same in other files, if of classes asked for."""
+    twins = [twin for twin in building.elements.twins[row] if asks_for(twin.ifc_class, twin.semantic)]
+    keys = [one.key, *((twin.file, twin.guid) for twin in twins)]
+    yield one._replace(same_as=tuple(keys[1:]))
+    for number, twin in enumerate(twins, 1):
+        yield one._replace(
+            guid=twin.guid, ifc_class=twin.ifc_class, name=twin.name,
+            storey=building.storeys.name[twin.storey] if twin.storey >= 0 else "",
+            file=twin.file, same_as=(*keys[:number], *keys[number + 1 :]),
+        )  # fmt: skip
+
+
 def nothing_present(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
     """What speaks against all that was found: that elements are gone, and none is there."""
     count = {verdict: sum(one.verdict == verdict for one in elements) for verdict in VERDICTS}
@@ -163,9 +219,9 @@ def nothing_present(elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
 
 def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, ...]) -> tuple[str, ...]:
     """What a reader must know: that no element is present, and what may stand, or be gone, in part."""
-    known = {one.guid: one for one in elements}
+    known = {one.key: one for one in elements}
     stands = [
-        f"{_named(known.get(one.element))} ({one.element}) is told to be removed, but {one.standing:.0%} of the rays "
+        f"{_named(known.get(one.key))} ({one.element}) is told to be removed, but {one.standing:.0%} of the rays "
         "that tell of it end on it: a part of it may stand"
         for one in mismatches
         if one.mismatch_type == "removed" and one.standing >= STANDS
@@ -173,13 +229,22 @@ def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, .
     holes = [
         f"{_named(one)} ({one.guid}) is told to be present, but {_passed(one):.0%} of the rays that tell of it pass "
         "through its place: a part of it may be gone"
-        for one in elements
+        for one in once(elements)
         if one.verdict == PRESENT and one.rays[0] >= LEAST_THROUGH and _passed(one) >= GONE
+    ]
+    passed = [
+        f"{_named(one)} ({one.guid}) is told to be occluded: rays pass through its place, as through glass or where a "
+        "door is open, and too little of its frame is seen to tell whether it stands"
+        for one in once(elements)
+        if one.verdict == OCCLUDED
+        and one.ifc_class.startswith(SEE_THROUGH)
+        and one.rays[0] > max(one.rays[1], LEAST_PASSED)
     ]
     return (
         *nothing_present(elements),
         *_first(stands, "removed elements a part may stand, too"),
         *_first(holes, "present elements a part may be gone, too"),
+        *_first(passed, "occluded elements rays pass, too"),
     )
 
 
@@ -220,65 +285,7 @@ def box_of(mismatch: Mismatch) -> Box:
     )  # fmt: skip
 
 
-def to_json(detection: Detection) -> dict[str, Any]:
-    """The content of report.json; valid against report_schema.json. Numbers that are not finite become null."""
-    return {
-        "mismatches": [_mismatch(one) for one in detection.mismatches],
-        "elements": [_element(one) for one in detection.elements],
-        "prior": _prior(detection.prior),
-        "scans": [_scan(one) for one in detection.scans],
-        "sentences": list(detection.sentences),
-        "registration": _plain(detection.registration),
-        "settings": _plain(detection.settings),
-        "timing": _plain({name: round(value, 4) for name, value in detection.timing.items()}),
-        "notes": list(detection.notes),
-    }
-
-
-def _mismatch(one: Mismatch) -> dict[str, Any]:
-    told = one._asdict() | {"probability": told_probability(one.probability)}
-    if one.type_probability is not None:
-        told["type_probability"] = told_probability(one.type_probability)
-    del told["told_by"], told["standing"], told["shaft"]
-    return _plain(told)
-
-
-def _element(one: ElementVerdict) -> dict[str, Any]:
-    evidence = {"points": one.points} | dict(zip(FRACTIONS, one.rays, strict=True))
-    told = one._asdict()
-    del told["points"], told["rays"]
-    if one.deviation is not None:
-        deviation = one.deviation._asdict()
-        for private in PRIVATE:
-            del deviation[private]
-        told["deviation"] = deviation
-    return _plain(told | {"evidence": evidence, "probability": told_probability(one.probability)})
-
-
 def told_probability(value: float) -> float:
     """A probability to six digits; what is nearly sure, or nearly excluded, is not rounded to it. NaN stays NaN."""
     value = float(value)
     return min(max(round(value, 6), 1e-6), 1.0 - 1e-6) if 0.0 < value < 1.0 else value
-
-
-def _prior(one: PriorFile | None) -> dict[str, Any] | None:
-    return None if one is None else one._asdict()  # a unit as it is: a foot has more digits than a micrometre
-
-
-def _scan(one: ScanRecord) -> dict[str, Any]:
-    return _plain(one._asdict() | {"doubted": one.doubted})
-
-
-def _plain(value: Any) -> Any:
-    """NumPy and tuples to what JSON knows; micrometres are enough of any length."""
-    if isinstance(value, dict):
-        return {str(name): _plain(one) for name, one in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(one) for one in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return round(float(value), 6) if math.isfinite(value) else None
-    return value

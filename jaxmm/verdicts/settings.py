@@ -5,6 +5,10 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from jaxmm.classes.selection import check_classes, chosen, is_chosen
+from jaxmm.classes.unexplained import UnexplainedSettings
 from jaxmm.config import ConfigError, bounded, build, one_of
 from jaxmm.deviations.tolerances import DeviationSettings
 from jaxmm.inputs import one_line
@@ -12,11 +16,9 @@ from jaxmm.learning.boxes import BoxSettings
 from jaxmm.objects.finder import ObjectSettings
 from jaxmm.verdicts.placement import OF_CLOUDS, FitLimits
 from jaxmm.verdicts.verdicts import VerdictSettings
-from warp_scanner.scenes.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
+from warp_scanner.scenes.building import Elements
 
 PRESETS = ("default", "thesis")
-# Classes of elements that may get a verdict, and what the scanner calls them. Adding one: docs/how-to-add.md.
-CLASSES = {"wall": WALL, "column": PILLAR, "door": DOOR, "window": WINDOW, "slab": FLOOR}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,28 +27,31 @@ class DetectSettings:
 
     preset: str = one_of("default", *PRESETS)  # thesis: its boxes of whatever its four models yield, `objects` unused
     least_probability: float = bounded(0.5, 0.0, 1.0)  # of a mismatch, to be reported
-    classes: tuple[str, ...] = ("wall", "column")  # of CLASSES: whose elements get a verdict
+    classes: tuple[str, ...] = ("wall", "column")  # whose elements get a verdict: all, ours, or of IFC
     settle: bool = True  # of scans whose ranges err; the thesis's preset takes every scan as it is
     mirrors: bool = True  # leaves out what mirrors and panes show of the room in front; the thesis's preset never does
     refine: bool = True  # registers every scan before anything is concluded from it
     propose_views: bool = True  # a place to look from next for every occluded element
     objects: ObjectSettings = ObjectSettings()  # how the default preset makes objects of points
     boxes: BoxSettings = BoxSettings()  # how the thesis does
+    unexplained: UnexplainedSettings = UnexplainedSettings()  # what else counts as something that the model lacks
     verdicts: VerdictSettings = VerdictSettings()
     deviations: DeviationSettings = DeviationSettings()  # how far off its place an element may stand
     limits: FitLimits = FitLimits()  # of a building as prior
     cloud_limits: FitLimits = OF_CLOUDS  # of a point cloud as prior
 
     def __post_init__(self):
-        if unknown := set(self.classes) - CLASSES.keys():
-            raise ValueError(f"classes must be some of {', '.join(CLASSES)}, got {', '.join(sorted(unknown))}")
+        check_classes(self.classes)
         if self.preset not in PRESETS:
             raise ValueError(f"preset must be one of {', '.join(PRESETS)}, got {self.preset!r}")
 
-    @property
-    def semantics(self) -> list[int]:
-        """Classes of warp_scanner.scenes.scenes whose elements get a verdict."""
-        return [CLASSES[name] for name in self.classes]
+    def asked(self, elements: Elements) -> np.ndarray:
+        """(E,) bool: the elements that get a verdict."""
+        return chosen(self.classes, elements)
+
+    def asks_for(self, ifc_class: str, semantic: int) -> bool:
+        """Whether elements of a class of IFC, and of what the scanner calls it, get a verdict."""
+        return is_chosen(self.classes, ifc_class, semantic)
 
     def as_json(self) -> dict[str, Any]:
         """All that had a say, by name."""

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.classes.telling_rays import Telling
 from jaxmm.config import bounded
 from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN
 
@@ -20,6 +21,9 @@ STANDS = 0.2  # share of the rays that tell of a removed element, that end on it
 MOST_SURE = 12.0  # logit beyond which one scan is not trusted
 # Shares of an element's rays that go through, up to which its points' doubts count as much, and from which not at all.
 DOUBTED, UNDOUBTED = 0.8, 0.9
+# Shares of the rays that nothing else explains, that go through: up to which an element of any class stands, and from
+# which it is gone; with shares between, and not present by all its rays, nobody knows.
+MOST_OF_PRESENT, LEAST_OF_REMOVED = 0.5, 0.8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,6 +113,35 @@ def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> li
             verdict = OCCLUDED if scanned[row] else UNSCANNED
         known = float(probability[row]) if seen[row] else settings.change_prior
         found.append(Verdict(verdict, known, int(points[row]), tuple(int(value) for value in rays[row])))
+    return found
+
+
+def retold(verdicts: list[Verdict], telling: list[Telling], settings: VerdictSettings) -> list[Verdict]:
+    """The verdicts, those of some elements by the rays of all scans that nothing else explains.
+
+    The networks learnt of walls and columns. Where fewer than the least rays tell, what they say stands, unless rays
+    pass where glass, or a door that is open, lets them through: then nobody knows.
+
+    Args:
+        verdicts: of E elements.
+        telling: of each scan; without any, or of elements of whom nothing is told, the verdicts stay.
+        settings: when an element counts as what.
+    """
+    if not telling:
+        return verdicts
+    found, told = list(verdicts), Telling(*(np.sum(counts, axis=0) for counts in zip(*telling, strict=True)))
+    for row in np.flatnonzero(sum(told)):
+        one, tell = verdicts[row], int(told.through[row] + told.support[row])
+        share = (float(told.through[row]) + 0.5) / (tell + 1.0)
+        enough, before = tell >= settings.least_rays, one.verdict
+        if before not in (PRESENT, REMOVED) or (not enough and not told.glass[row]):
+            continue
+        if enough and share >= LEAST_OF_REMOVED:
+            found[row] = one._replace(verdict=REMOVED, probability=max(one.probability, share))
+        elif before == REMOVED and enough and share <= MOST_OF_PRESENT:
+            found[row] = one._replace(verdict=PRESENT, probability=min(one.probability, share))
+        elif before == REMOVED:
+            found[row] = one._replace(verdict=OCCLUDED, probability=settings.change_prior)
     return found
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from jaxmm.config import Config
 from jaxmm.learning.batches import features_of
 from jaxmm.learning.boxes import Box, BoxSettings, fit_boxes
+from jaxmm.learning.model import Model
 from jaxmm.learning.room_scores import predict
-from jaxmm.learning.train_step import Model
 from jaxmm.runs.paper.rows import TRAININGS, TestScenes
 from jaxmm.runs.paper.scenes import room_scenes
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.clouds import LEAST_TOP, table
 from benchmarks.clouds import _cloud as cloud_of
-from benchmarks.detection_scores import COUNTS
+from benchmarks.views.detection_scores import COUNTS
 from jaxmm.files import write_json
 from jaxmm.runs.room_scans import room_cases
 

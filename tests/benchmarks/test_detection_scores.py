@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.detection_scores import objects_of
+from benchmarks.views.detection_scores import objects_of
 from jaxmm.learning.boxes import Box
 from jaxmm.learning.object_scores import LEAST_SHOWN, score, standing_at
 from jaxmm.runs.room_scans import room_cases, true_boxes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.dynamic_maps import MAP, as_evaluated, is_dynamic, read_map, scans_of, scores, votes
-from benchmarks.inputs.moving_rooms import write_pcd, write_rooms
+from benchmarks.views.moving_rooms import write_pcd, write_rooms
 from jaxmm.inputs import InputError
 
 

@@ -10,24 +10,27 @@ import pytest
 
 from tests.test_imports import ROOT
 
-JSON, FOLDER, FILE, NOTHING = "--json file", "--out folder", "--out file", "nothing"
+JSON, FOLDER, FILE = "--json file", "--out folder", "--out file"
 # What each benchmark writes.
 WRITES = {
-    "ablation": FOLDER, "accuracy": FOLDER, "buildings": FOLDER, "clouds": FOLDER, "detect": JSON,
-    "detections": FOLDER, "deviations": JSON, "dynamic_maps": FILE, "growth": JSON,
-    "large_scans": JSON, "latency": JSON, "matrix": JSON,
-    "mirrors": JSON, "neighbours": JSON, "objects": FOLDER, "outdoors": FOLDER, "pairs": JSON, "peak": NOTHING,
-    "pillars": FILE, "pose_search": JSON, "poses": JSON, "progress": FOLDER, "rays": JSON, "released": JSON,
-    "rivals": FILE, "rooms": JSON, "rows": FOLDER, "sensors": FOLDER, "train": JSON, "triangles": JSON,
-    "unchanged": JSON, "voxels": JSON,
+    "ablation": FOLDER, "accuracy": FOLDER, "buildings": FOLDER, "classes": FOLDER, "clients": FILE, "clouds": FOLDER,
+    "commands": JSON, "detect": JSON, "detections": FOLDER, "deviations": JSON, "dynamic_maps": FILE, "growth": JSON,
+    "large_scans": JSON,
+    "latency": JSON, "matrix": JSON, "mirrors": JSON, "neighbours": JSON, "objects": FOLDER, "outdoors": FOLDER,
+    "pairs": JSON, "pillars": FILE, "pose_search": JSON, "poses": JSON, "progress": FOLDER, "rays": JSON,
+    "reality": JSON, "released": JSON, "rivals": FILE, "rooms": JSON, "rows": FOLDER, "sensors": FOLDER,
+    "stations": JSON,
+    "train": JSON, "triangles": JSON, "unchanged": JSON, "voxels": JSON,
 }  # fmt: skip
 NEEDS_FILES = {"released"}  # which no smoke run can make
-NOT_MEASURED = {"peak", "unchanged"}  # a part of another one, and what compares two checkouts
+NOT_MEASURED = {"commands", "unchanged"}  # what compares two checkouts
 NUMBERS = ("ours", "peer", "ratio")
 
 
 def benchmarks_with_a_main():
-    return {path.stem for path in (ROOT / "benchmarks").glob("*.py") if "__main__" in path.read_text(encoding="utf-8")}
+    folder = ROOT / "benchmarks"
+    files = {path.stem for path in folder.glob("*.py") if "__main__" in path.read_text(encoding="utf-8")}
+    return files | {path.parent.name for path in folder.glob("*/__main__.py")}
 
 
 def test_no_benchmark_is_left_out():
@@ -54,7 +57,7 @@ def numbers_of(value):
 @pytest.mark.parametrize("name", sorted(WRITES))
 def test_a_smoke_run_ends_well_and_tells_finite_and_whole_numbers(name, tmp_path):
     out = tmp_path / ("out" if WRITES[name] == FOLDER else "out.json")
-    words = {NOTHING: [], JSON: ["--json", out]}.get(WRITES[name], ["--out", out])
+    words = ["--json" if WRITES[name] == JSON else "--out", out]
     done = subprocess.run(
         [sys.executable, "-m", f"benchmarks.{name}", "--smoke", *words], cwd=ROOT, capture_output=True, text=True,
         timeout=300,
@@ -65,8 +68,8 @@ def test_a_smoke_run_ends_well_and_tells_finite_and_whole_numbers(name, tmp_path
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() or " left out: " in done.stderr
     assert not re.search(r"\b(nan|inf|None)\b", done.stdout), done.stdout
-    files = [] if name == "peak" else [out] if out.suffix else sorted(out.rglob("*.json"))
-    assert files or name == "peak"
+    files = [out] if out.suffix else sorted(out.rglob("*.json"))
+    assert files
     for path in files:
         found = json.loads(path.read_text(encoding="utf-8"))
         assert all(map(math.isfinite, numbers_of(found))), path

@@ -1,5 +1,6 @@
 """A BCF file to test: two removed objects of a room and one of them found again elsewhere; written, and read back."""
 
+import importlib
 import zipfile
 from datetime import UTC, datetime
 
@@ -7,8 +8,10 @@ import numpy as np
 import pytest
 
 from jaxmm.reports.bcf import write_bcf
+from jaxmm.reports.bcf_topics import OVERVIEW, NewElement
 from tests.cases.detections import true_case
 
+NEW = "2O2Fr$t4X7Zf8NOew3FNr2"  # of an element that the updated model has anew
 WHEN = datetime(2024, 2, 29, 12, 30, 15, tzinfo=UTC)
 
 
@@ -32,14 +35,22 @@ def written(moved, tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module")
+def older(moved, tmp_path_factory):
+    """The same in BCF 2.1, with the GlobalId that the updated model has for the added one."""
+    path = tmp_path_factory.mktemp("bcf") / "mismatches.bcf"
+    write_bcf(path, moved, "Tower & annex", WHEN, version="2.1", new={2: NewElement(NEW, "updated.ifc")})
+    return path
+
+
 @pytest.fixture
 def opened():
     """Reads a file with bcf-client, and closes it after the test."""
-    reader = pytest.importorskip("bcf.v3.bcfxml").BcfXml
+    pytest.importorskip("bcf")
     held = []
 
-    def read(path):
-        held.append(reader.load(path))
+    def read(path, module="bcf.v3.bcfxml"):
+        held.append(importlib.import_module(module).BcfXml.load(path))
         return held[-1]
 
     yield read
@@ -55,8 +66,9 @@ def content_of(path):
 
 
 def by_index(read):
-    """Topics in the order of the mismatches."""
-    return sorted(read.topics.values(), key=lambda topic: topic.topic.index)
+    """Topics in the order of the mismatches, without that of all of them."""
+    topics = sorted(read.topics.values(), key=lambda topic: topic.topic.index)
+    return [topic for topic in topics if topic.topic.topic_type != OVERVIEW]
 
 
 def only(items):

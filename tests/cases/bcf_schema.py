@@ -12,14 +12,19 @@ import pytest
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")  # of xs:double, without INF and NaN
 
 
-def check_schema(content):
+def check_schema(content, version="3.0"):
     """Every file of an archive against buildingSMART's schemas, as bcf-client carries them."""
-    model = pytest.importorskip("bcf.v3.model")
+    model = pytest.importorskip(f"bcf.v{version[0]}.model")
     kinds = {
-        "bcf.version": model.Version, "project.bcfp": model.ProjectInfo, "extensions.xml": model.Extensions,
-        "markup.bcf": model.Markup, "viewpoint.bcfv": model.VisualizationInfo,
+        "bcf.version": model.Version, "markup.bcf": model.Markup, "viewpoint.bcfv": model.VisualizationInfo,
+        **(
+            {"project.bcfp": model.ProjectInfo, "extensions.xml": model.Extensions}
+            if version == "3.0"
+            else {"project.bcfp": model.ProjectExtension}
+        ),
     }  # fmt: skip
-    assert {"bcf.version", "project.bcfp", "extensions.xml"} <= content.keys()
+    words = {"3.0": "extensions.xml", "2.1": "extensions.xsd"}[version]
+    assert {"bcf.version", "project.bcfp", words} <= content.keys()
     for name, data in content.items():
         short = name.rpartition("/")[2]
         if short in kinds:
@@ -29,7 +34,7 @@ def check_schema(content):
             if short == "viewpoint.bcfv":  # a choice, which the classes cannot say
                 assert sum(child.tag.endswith("Camera") for child in root) == 1
         else:
-            assert short in ("", "snapshot.png"), name
+            assert short in ("", "snapshot.png", words), name
 
 
 def check_element(element, kind):

@@ -5,8 +5,11 @@ from pathlib import Path
 import numpy as np
 
 
-def write_e57(path: Path, scans: list[tuple[dict[str, np.ndarray], tuple | None]]) -> None:
-    """Write a file of scans: columns by name, and the pose (position, quaternion w, x, y, z) or None, of each."""
+def write_e57(path: Path, scans: list[tuple[dict[str, np.ndarray], tuple | None]], started: float = 0.0) -> None:
+    """Write a file of scans: columns by name, and the pose (position, quaternion w, x, y, z) or None, of each.
+
+    `started` is when, in GPS seconds; 0: the file does not say.
+    """
     import pye57
     from pye57 import libe57
 
@@ -22,6 +25,10 @@ def write_e57(path: Path, scans: list[tuple[dict[str, np.ndarray], tuple | None]
         for columns, pose in scans:
             scan, kinds = libe57.StructureNode(image), libe57.StructureNode(image)
             file.data3d.append(scan)
+            if started:
+                time = libe57.StructureNode(image)
+                time.set("dateTimeValue", libe57.FloatNode(image, started))
+                scan.set("acquisitionStart", time)
             if pose is not None:
                 node = libe57.StructureNode(image)
                 scan.set("pose", node)

@@ -44,6 +44,8 @@ const gl = new Proxy({ canvas: null, uploads }, {
     if (name in target) return target[name];
     if (name === "getProgramParameter") return (_, what) => (what === "ACTIVE_UNIFORMS" ? 0 : true);
     if (name === "bufferData") return (_, values) => uploads.push(values);
+    if (name === "texImage2D") return (...all) => uploads.push(new Float32Array(all.at(-1).buffer));
+    if (name === "getSyncParameter") return () => "SIGNALED";
     if (name === "isContextLost") return () => false;
     return typeof name === "string" && name === name.toUpperCase() ? name : () => ({});
   },
@@ -60,7 +62,9 @@ globalThis.document = Object.assign(top, {
 const own = new Node("window");
 globalThis.window = Object.assign(own, {
   devicePixelRatio: 1, matchMedia: () => ({ matches: true }), requestAnimationFrame: (act) => frames.push(act),
+  setTimeout: (act) => frames.push(act), clearTimeout: (one) => { frames[one - 1] &&= () => {}; },
 });
+globalThis.getComputedStyle = () => ({ getPropertyValue: () => "#1d2329" });
 globalThis.ResizeObserver = class { observe() {} };
 const settle = () => { while (frames.length) frames.shift()(0); };
 const errors = [];

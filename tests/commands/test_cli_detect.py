@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from jaxmm.files import load_json
+from jaxmm.files import load_json, sha256_of
 from jaxmm.formats.poses import parse_pose
 from jaxmm.formats.readers import read_scans
 from jaxmm.inputs import InputError
+from jaxmm.verdicts.results import FORMAT
 from tests.cases.detections import true_case
 from warp_scanner.clouds.points import points_of
 
 OUTPUTS = {
     "report.json", "report.md", "report.html", "sentences.txt", "mismatches.csv", "elements.csv", "deviations.csv",
+    "unexplained.csv",
     "mismatches.ply", "points.ply", "mismatches.bcf", "plan.png", "evidence.png", "probability.png", "updated.ifc",
     "undo.json",
 }  # fmt: skip
@@ -63,7 +65,13 @@ def test_the_report_says_what_moved(report, files):
     assert {one["verdict"] for one in told["elements"]} == {"present", "removed", "unscanned"}
     assert told["scans"][0]["pose_source"] == "given" and told["registration"]["refined"]
     project = files[3].building.project
-    assert told["prior"] == {"file": "room.ifc", "kind": "ifc", "unit": 1.0, "project": project} and len(project) == 22
+    prior = {"file": "room.ifc", "kind": "ifc", "unit": 1.0, "project": project, "sha256": sha256_of(files[0])}
+    prior |= {"files": []}
+    assert told["prior"] == prior and len(project) == 22
+    assert told["format"] == FORMAT and told["scans"][0]["taken"] == {"date": told["date"], "source": "modified"}
+    boxes = {one["guid"]: one["box"] for one in told["elements"]}
+    np.testing.assert_allclose(boxes[removed["element"]]["center"], true["removed"].center, atol=1e-3)
+    np.testing.assert_allclose(boxes[removed["element"]]["dimensions"], true["removed"].dimensions, atol=1e-3)
     assert f"room.ifc, in metres, IfcProject `{project}`." in (report / "report.md").read_text()
 
 

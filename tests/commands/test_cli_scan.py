@@ -103,7 +103,7 @@ def test_what_cannot_be_scanned_is_one_line(house, tmp_path, refused):
         refused(scan(pose), "--pose", "X,Y,Z,YAW")
     for pose in ("1e300,0,1.5,0", "0,-2e9,1.5,0", "0,0,1e10,0,1"):
         refused(scan(pose), "--pose", "within 1e+09 m", pose)
-    refused(scan(out=tmp_path / "scan.las"), "scan.las", ".e57")
+    refused(scan(out=tmp_path / "scan.xyz"), "scan.xyz", ".e57")
     refused(scan(more=["--sensor", "eye"]), "oak-d-pro", "eye: expected a sensor file")
     refused(scan(more=[*HOUSE, "--unit", "0"]), "unit")
     refused(scan(more=[*HOUSE, "--seed", "-1"]), "--seed", "at least 0")

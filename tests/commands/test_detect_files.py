@@ -13,6 +13,7 @@ from jaxmm.files import load_json, write_folder
 from jaxmm.formats.poses import OPTICAL, GivenPose, parse_pose, read_poses
 from jaxmm.ifc.update import write_update
 from jaxmm.inputs import InputError
+from jaxmm.reports import drawing_process
 from jaxmm.verdicts.settings import DetectSettings
 from tests.cases.detections import true_case
 from warp_scanner.buildings.ifc_files import read_ifc
@@ -182,11 +183,11 @@ def test_reports_go_to_any_empty_folder(tmp_path, monkeypatch, place):
 
 
 def test_a_folder_that_cannot_be_filled_stays_as_it_was(room, tmp_path, monkeypatch):
-    def full(work, _):
+    def full(work, *_):
         (work / "plan.png").write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(detect_files, "write_figures", full)
+    monkeypatch.setattr(drawing_process, "draw", full)
     (tmp_path / "out").mkdir()
     for out in (tmp_path / "out", tmp_path / "other"):
         with pytest.raises(InputError, match="--out: cannot write") as told:

@@ -47,6 +47,17 @@ def test_the_local_engine_takes_no_more_tasks_than_it_has_workers():
     assert list(local_engine.results(square, iter(()), 2)) == []
 
 
+def test_a_pool_keeps_its_processes_from_one_function_to_the_next():
+    with local_engine.Pool(2) as pool:
+        first, second = ({pid for _, pid in pool.results(os.getpid, [()] * 8)} for _ in range(2))
+        assert first == second and len(first) <= 2 and os.getpid() not in first
+        assert dict(pool.results(square, [(3,)])) == {(3,): 9}
+        with pytest.raises(InputError, match="room 0 is on fire"):
+            list(pool.results(fail, [(0,)]))
+        assert dict(pool.results(square, [(4,)])) == {(4,): 16}  # by new ones
+    assert not any(Path(f"/proc/{pid}").exists() for pid in first)
+
+
 def test_a_lost_worker_and_an_error_of_its_own_end_the_work():
     with pytest.raises(RuntimeError, match=r"ended early.*-9"):
         list(local_engine.results(die, ((number,) for number in range(9)), 2))
@@ -166,7 +177,7 @@ def test_errors_of_a_ray_task_come_back_as_they_are(cluster, monkeypatch):
         list(ray_engine.results(fail, [(0,)]))
     results = dict(ray_engine.results(square, ((number,) for number in range(20))))
     assert results == {(number,): number * number for number in range(20)}
-    monkeypatch.setattr(ray_engine, "_ground", lambda: {"code": "another"})
+    monkeypatch.setattr(ray_engine, "ground", lambda: {"code": "another"})
     with pytest.raises(InputError, match=r"machine .* has other code"):
         list(ray_engine.results(square, [(0,)]))
 

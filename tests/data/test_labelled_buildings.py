@@ -16,7 +16,8 @@ from warp_scanner.draws import keys
 from warp_scanner.rooms.pairs import Pairs
 from warp_scanner.rooms.scenarios import CONDITIONS, SCENARIOS
 from warp_scanner.rooms.standing import Standing
-from warp_scanner.scenes.building import Building, Storeys, without
+from warp_scanner.scenes.building import Building, Storeys
+from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import PILLAR, WALL
 from warp_scanner.sensors.poses import rotation_of
 from warp_scanner.sensors.scan import Rays

@@ -9,7 +9,8 @@ from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
 from jaxmm.deviations.shifted_columns import columns_of, shifts_of
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
 from tests.cases.box_building import building_of
-from warp_scanner.scenes.building import Triangles, move_element
+from warp_scanner.scenes.building import Triangles
+from warp_scanner.scenes.building_edits import move_element
 from warp_scanner.scenes.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import sensor_named

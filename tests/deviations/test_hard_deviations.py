@@ -8,7 +8,8 @@ from jaxmm.deviations.deviation import deviations_of
 from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
 from tests.cases.box_building import building_of
 from tests.deviations.test_deviation import COLUMN, FREE, HALL, PLACE, hall, moved, seen, told
-from warp_scanner.scenes.building import Triangles, join
+from warp_scanner.scenes.building import Triangles
+from warp_scanner.scenes.building_edits import join
 from warp_scanner.scenes.scenes import PILLAR, WALL
 from warp_scanner.sensors.triangles import prepare
 

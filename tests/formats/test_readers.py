@@ -16,7 +16,7 @@ POSE = np.array([1.0, -2.0, 1.5])
 
 
 class NoElements:
-    guid = ifc_class = name = ("a",)
+    guid = ifc_class = name = file = ("a",)
     storey = np.zeros(1, np.int32)
 
 

@@ -15,7 +15,8 @@ from jaxmm.learning.calibration import (
     calibration_error,
     reliability,
 )
-from jaxmm.learning.train_step import Model, probabilities
+from jaxmm.learning.model import Model
+from jaxmm.learning.train_step import probabilities
 from jaxmm.weights import DEFAULT
 
 

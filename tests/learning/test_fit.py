@@ -17,7 +17,8 @@ import pytest
 from jaxmm.config import Config, NetworkConfig, TrainConfig
 from jaxmm.learning.batches import LabelledCloud, Sampler, validation_batch
 from jaxmm.learning.fit import Progress, fit, keep_best
-from jaxmm.learning.train_step import Model, TrainState, Validation, validate_all
+from jaxmm.learning.model import Model
+from jaxmm.learning.train_step import TrainState, Validation, validate_all
 
 CONFIG = Config(
     network=NetworkConfig((4, 8), (4,), 0.1),

@@ -11,6 +11,7 @@ from jaxmm.learning import room_scores
 from jaxmm.learning.batches import LabelledCloud
 from jaxmm.learning.boxes import Box
 from jaxmm.learning.metrics import METRICS
+from jaxmm.learning.model import pick_model
 from jaxmm.learning.room_scores import RoomTruth
 from jaxmm.learning.train_step import init_all
 
@@ -25,7 +26,7 @@ def models():
 
 def test_predictions_depend_on_neither_padding_nor_order(models, monkeypatch):
     rng = np.random.default_rng(0)
-    model = room_scores.pick_model(models["xyz_nn"], "wall_added")
+    model = pick_model(models["xyz_nn"], "wall_added")
     features = rng.uniform(2, 3, (700, 4)).astype(np.float32)  # padding is zero, and would stand out
     order = rng.permutation(700)
     expected = room_scores.predict(model, features, NETWORK)
@@ -38,7 +39,7 @@ def test_predictions_depend_on_neither_padding_nor_order(models, monkeypatch):
 
 @pytest.mark.parametrize("count", [0, 1, 4096, 4097])
 def test_every_point_of_a_cloud_of_any_length_gets_a_probability(models, count):
-    model = room_scores.pick_model(models["nn"], "wall_added")
+    model = pick_model(models["nn"], "wall_added")
     found = room_scores.predict(model, np.ones((count, 1), np.float32), NETWORK)
     assert found.shape == (count,) and (found == found[:1]).all() and ((found > 0) & (found < 1)).all()
 
@@ -46,10 +47,10 @@ def test_every_point_of_a_cloud_of_any_length_gets_a_probability(models, count):
 def test_each_scenario_has_its_own_model(models):
     stacked = models["nn"]
     features = np.linspace(0, 1, 50, dtype=np.float32)[:, None]
-    found = [room_scores.predict(room_scores.pick_model(stacked, name), features, NETWORK) for name in SCENARIOS]
+    found = [room_scores.predict(pick_model(stacked, name), features, NETWORK) for name in SCENARIOS]
     assert len({values.tobytes() for values in found}) == 4
     for index, name in enumerate(SCENARIOS):
-        picked = room_scores.pick_model(stacked, name)
+        picked = pick_model(stacked, name)
         jax.tree.map(lambda a, b, i=index: np.testing.assert_array_equal(a, b[i]), picked, stacked)
 
 

@@ -33,8 +33,8 @@ from jaxmm.runs.object_training import (
     kind_of,
 )
 from jaxmm.runs.room_scans import room_cases
-from jaxmm.verdicts.detection import look_at
 from jaxmm.verdicts.mismatches import judged_side
+from jaxmm.verdicts.station_steps import look_at
 from jaxmm.weights import DEFAULT, OBJECTS
 from tests.cases.known_rooms import NO_RAYS, judged, pillar, slab, wall
 from warp_scanner.rooms.scenarios import CROWDED

@@ -9,7 +9,7 @@ from jaxmm.verdicts.priors import prior_of_building
 from warp_scanner.buildings.changes import of_element
 from warp_scanner.buildings.room_buildings import building_of_room
 from warp_scanner.rooms.pairs import PRESETS, make_pairs
-from warp_scanner.scenes.building import without
+from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import PILLAR, WALL
 
 HERE = np.zeros(2)

@@ -34,7 +34,7 @@ def nowhere(points, _):
     return np.full(len(points), np.inf)
 
 
-UNKNOWN = Surfaces(np.zeros((0, 3)), nowhere, nowhere)
+UNKNOWN = Surfaces(lambda: np.zeros((0, 3)), nowhere, nowhere)
 
 
 def boxes(parts, first):
@@ -77,7 +77,7 @@ def prior_of(scene):
         cosine = np.cos(incidence_of(normals_of(scene, slot, met, rays), rays))[0]
         return np.where(np.abs(met[0] - reach) < 0.5, np.abs(met[0] - reach) * cosine, np.inf)
 
-    return Surfaces(shown.points, distance, off)
+    return Surfaces(lambda: shown.points, distance, off)
 
 
 def left_of(scan, found):

@@ -11,6 +11,7 @@ from jaxmm.reports.markdown import as_markdown, escaped, percent, printable
 from jaxmm.reports.notebook import detection_html
 from jaxmm.reports.page import page_text
 from jaxmm.reports.plain_files import mismatches_csv
+from jaxmm.reports.report_json import to_json
 from jaxmm.reports.verdict_words import (
     ASSUMED_WORDS,
     EVIDENCE_WORDS,
@@ -19,7 +20,7 @@ from jaxmm.reports.verdict_words import (
     ROBOT_EVIDENCE_WORDS,
     VERDICT_WORDS,
 )
-from jaxmm.verdicts.results import ElementVerdict, PriorFile, ScanRecord, to_json
+from jaxmm.verdicts.results import ElementVerdict, PriorFile, ScanRecord
 from jaxmm.verdicts.verdicts import VERDICTS
 from tests.cases.detections import HOSTILE, named, rows_of
 from tests.verdicts.test_results import random_detection

@@ -12,8 +12,9 @@ import pytest
 
 from jaxmm.reports.page import page_text, write_page
 from jaxmm.reports.page_data import Limits, as_script, decoded, encoded, page_data, surface_of
+from jaxmm.reports.report_json import to_json
 from jaxmm.reports.verdict_words import PROBABILITY_OF_MISMATCH, PROBABILITY_WORDS, VERDICT_WORDS
-from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord, to_json
+from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord
 from jaxmm.verdicts.verdicts import PRESENT
 from tests.cases.detections import true_case
 from tests.cases.pages import EVIL, hostile
@@ -67,7 +68,7 @@ def test_page_carries_the_whole_detection(case):
     found = carried(page_text(detection))
     array = {name: decoded(one) for name, one in found["arrays"].items()}
     assert found["report"] == json.loads(json.dumps(to_json(detection)))
-    assert found["guid"] == list(drawing.guid) and not found["thinned"]
+    assert found["key"] == list(drawing.guid) and not found["thinned"]
     for side in ("robot", "prior"):
         assert np.array_equal(array[side], getattr(drawing, side))
         assert np.array_equal(array[f"{side}_evidence"], getattr(drawing, f"{side}_evidence"))

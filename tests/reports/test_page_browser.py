@@ -1,5 +1,7 @@
 """report.html in headless Chromium: it draws, answers the mouse, runs nothing foreign and asks no network."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,22 @@ SHOWN = {
     "ceiling": False,
 }
 AREA = "const a = document.getElementById('canvas').getBoundingClientRect(); return [a.x, a.y, a.width, a.height]"
+# Of the text of a node to the first background behind it that is not transparent.
+CONTRAST = """
+const parts = (text) => text.match(/[\\d.]+/g).map(Number);
+const light = (rgb) => rgb.slice(0, 3).map((value) => value / 255).map((value) =>
+    value <= 0.03928 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, value, at) => sum + value * [0.2126, 0.7152, 0.0722][at], 0);
+let node = document.getElementById(arguments[0]);
+const ink = light(parts(getComputedStyle(node).color));
+let back = parts(getComputedStyle(node).backgroundColor);
+while (back[3] === 0 && node.parentElement) {
+    node = node.parentElement;
+    back = parts(getComputedStyle(node).backgroundColor);
+}
+const [low, high] = [ink, light(back)].sort((a, b) => a - b);
+return (high + 0.05) / (low + 0.05);
+"""
 SET = """
 const one = document.getElementById(arguments[0]);
 one.value = arguments[1];
@@ -59,7 +77,11 @@ def test_browser_draws_and_layers_change_the_picture(driver, case, tmp_path):
         page.run(SET, "cut-height", "-1.5", "input")
         assert changed_share(all_on, page.picture()) > 0.05
         assert case.detection.summary() in page.driver.title
-        assert all(line in page.text("mismatches") for line in case.detection.sentences)
+        listed = page.text("mismatches")
+        for one in case.detection.mismatches:
+            x, y = one.center[:2]
+            words = f"{one.mismatch_type.capitalize()} {one.object_type} at x {x:.2f}, y {y:.2f}"
+            assert words in listed and "[" not in listed
 
 
 def test_browser_points_at_what_is_displaced_and_colours_by_it(driver, case, tmp_path):
@@ -215,6 +237,51 @@ def test_browser_without_webgl_says_so_and_shows_the_rest(driver, case, tmp_path
         driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)
 
 
+def test_browser_draws_less_while_it_moves_and_all_of_it_at_rest(driver, case, tmp_path):
+    with Page(driver, tmp_path / "report.html", case.detection) as page:
+        size = "const c = document.getElementById('canvas'); return [c.width, c.height]"
+        whole, before = page.run(size), page.picture()
+        page.run("""
+            const c = document.getElementById('canvas'), sent = (kind, x) => c.dispatchEvent(new PointerEvent(kind, {
+                pointerId: 1, clientX: x, clientY: 400, buttons: 1 }));
+            c.setPointerCapture = () => {};
+            sent('pointerdown', 400);
+            let x = 400;
+            const drag = () => { sent('pointermove', x += 1); if (x < 430) window.setTimeout(drag, 30); };
+            drag();
+            window.dragged = [];
+            const watch = () => { window.dragged.push(c.width); if (x < 430) requestAnimationFrame(watch);
+                else sent('pointerup', x); };
+            watch();
+        """)
+        time.sleep(2.0)
+        page.settle()
+        assert max(page.run("return window.dragged")) <= whole[0]
+        assert page.run(size) == whole
+        assert changed_share(before, page.picture()) > 0.01
+
+
+def test_browser_turns_dark_with_the_system(driver, case, tmp_path):
+    def scheme(name):
+        features = [{"name": "prefers-color-scheme", "value": name}]
+        driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+    with Page(driver, tmp_path / "report.html", case.detection) as page:
+        light = page.picture()
+        scheme("dark")
+        try:
+            dark = page.picture()
+            assert light.mean() > 170 > 90 > dark.mean()
+            page.run("window.jaxmm.select(arguments[0])", case.detection.elements[0].guid)
+            for name in ("chosen", "mismatches", "legend", "elements"):
+                ratio = page.run(CONTRAST, name)
+                assert ratio > 4.5, (name, ratio)  # WCAG 2.1, 1.4.3
+        finally:
+            scheme("")
+        page.run("window.jaxmm.select(null)")
+        assert changed_share(light, page.picture()) < 1e-3
+
+
 def test_browser_fits_a_phone(driver, case, tmp_path):
     driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", PHONE)
     try:
@@ -241,5 +308,10 @@ def test_browser_fits_a_phone(driver, case, tmp_path):
                 touch = {"type": f"touch{kind}", "touchPoints": points}
                 driver.execute_cdp_cmd("Input.dispatchTouchEvent", touch)
             assert (apart() > 1.3 * before).all()  # two fingers went twice as far apart
+            page.run("document.querySelector('#mismatches button').click()")
+            page.settle()
+            shown = "return ['stage', 'chosen'].map((id) => document.getElementById(id).getBoundingClientRect())"
+            stage, panel = page.run(shown)
+            assert 0 <= stage["top"] < stage["bottom"] <= panel["top"] < panel["bottom"] <= PHONE["height"]
     finally:
         driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})

@@ -128,9 +128,9 @@ def test_the_ply_loses_nothing_and_its_colours_tell_the_objects(added, tmp_path)
     data = trimesh.load(path).metadata["_ply_raw"]["vertex"]["data"]
     points = np.concatenate([drawing.robot, drawing.prior]).astype(np.float64) + drawing.origin
     np.testing.assert_array_equal(np.stack([data[axis] for axis in "xyz"], axis=1), points)
-    np.testing.assert_array_equal(data["side"], np.repeat([0, 1], [len(drawing.robot), len(drawing.prior)]))
+    np.testing.assert_array_equal(data["scalar_side"], np.repeat([0, 1], [len(drawing.robot), len(drawing.prior)]))
     np.testing.assert_array_equal(
-        data["probability"], np.concatenate([drawing.robot_probability, drawing.prior_probability])
+        data["scalar_probability"], np.concatenate([drawing.robot_probability, drawing.prior_probability])
     )
     color = np.stack([data[name] for name in ("red", "green", "blue")], axis=1)
     robot, prior = np.split(color, [len(drawing.robot)])
@@ -158,4 +158,4 @@ def test_the_ply_is_as_long_as_its_header_says(removed, tmp_path):
     write_mismatch_points(tmp_path / "points.ply", removed)
     header, body = (tmp_path / "points.ply").read_bytes().split(b"end_header\n", 1)
     count = len(removed.drawing.robot) + len(removed.drawing.prior)
-    assert f"element vertex {count}\n".encode() in header and len(body) == count * struct.calcsize("<3d3BfB")
+    assert f"element vertex {count}\n".encode() in header and len(body) == count * struct.calcsize("<3f3BfB")

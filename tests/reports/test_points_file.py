@@ -47,7 +47,7 @@ def test_the_file_is_read_back_with_all_digits(tmp_path):
     box = trimesh.creation.box(bounds=[[3.0, -5.0, -5.0], [3.4, 5.0, 5.0]])
     expected = trimesh.proximity.closest_point(box, detection.drawing.robot)[1]
     np.testing.assert_allclose(np.abs(told), expected, atol=1e-5)
-    assert set(data["scan"]) == {1, 2} and (told < 0).any() and (told > 0).any()
+    assert set(data["scalar_scan"]) == {1, 2} and (told < 0).any() and (told > 0).any()
 
 
 def test_without_a_surface_nothing_is_written(tmp_path):

@@ -12,7 +12,8 @@ from jaxmm.config import SCENARIOS, load
 from jaxmm.inputs import InputError
 from jaxmm.learning import model_files
 from jaxmm.learning.calibration import KNOTS
-from jaxmm.learning.room_scores import pick_model, predict
+from jaxmm.learning.model import pick_model
+from jaxmm.learning.room_scores import predict
 from jaxmm.rays.evidence import FEATURES
 from jaxmm.runs.training_stage import train_stage
 

@@ -8,11 +8,19 @@ import pytest
 from benchmarks.detections import elements_of
 from jaxmm.rays.scan_rays import rays_of_scan
 from jaxmm.runs.room_scans import room_cases
-from jaxmm.verdicts.behind_removed import filling, look_past_what_is_gone
-from jaxmm.verdicts.detection import detect_scans, look_at
+from jaxmm.verdicts.behind_removed import (
+    Says,
+    ask_again,
+    filling,
+    judged_anew,
+    look_past_what_is_gone,
+    past_nothing,
+)  # fmt: skip
+from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import prior_of_building
 from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.verdicts.station_steps import look_at
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VerdictSettings
 from tests.cases.box_building import building_of, scan_of
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, TABLE, WALL
@@ -108,14 +116,24 @@ def test_what_may_look_gone_only_from_where_the_pose_is_guessed_is_not_looked_pa
     seen, told = look_at(prior, rays_of_scan(scanned(SHELL).scan), judges)
     wall, column = len(SHELL), len(SHELL) + 1
 
-    def doubting(told):  # that the wall is gone
-        return [one._replace(logit=np.where(np.arange(len(one.logit)) == wall, np.nan, one.logit)) for one in told]
+    view = past_nothing(seen, told)
 
-    arguments = prior, [seen], [told], judges, VerdictSettings()
-    past, [after] = look_past_what_is_gone(*arguments)
-    assert past is not None and after.rays[column].sum() > 0 and after.logit[wall] == told.logit[wall] > 0
-    past, [after] = look_past_what_is_gone(*arguments, sure=doubting)
-    assert past is None and after is told and told.rays[column].sum() == 0
+    def looking_past(sure):
+        views = [view]
+
+        def again(gone):
+            new = ask_again(prior, seen, views[-1], gone, judges, VerdictSettings())
+            views.append(new)
+            return [None if new is views[-2] else Says(new.told, new.told)]
+
+        (says,) = look_past_what_is_gone(prior.building, [Says(told, sure)], VerdictSettings(), again)
+        return says.told, judged_anew(prior, seen, views[-1], judges)
+
+    after, past = looking_past(told)
+    assert past is not seen and after.rays[column].sum() > 0 and after.logit[wall] == told.logit[wall] > 0
+    doubted = told._replace(logit=np.where(np.arange(len(told.logit)) == wall, np.nan, told.logit))
+    after, past = looking_past(doubted)  # that the wall is gone
+    assert past is seen and after is told and told.rays[column].sum() == 0
 
 
 HALF = ((4.0, 2.15, 1.3), (0.1, 1.65, 1.3), WALL)  # of a wall at 4 m: what stands of it, from y = 0.5 on

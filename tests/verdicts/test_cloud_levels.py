@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from jaxmm.rays.cloud_levels import HIGHER_THAN_FURNITURE, UNKNOWN, levels_about, own_ceilings
 from jaxmm.rays.scan_rays import PosedScan
-from jaxmm.verdicts.cloud_levels import HIGHER_THAN_FURNITURE, UNKNOWN, levels_about, own_ceilings
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import prior_of_cloud

@@ -9,11 +9,12 @@ from jaxmm.inputs import InputError
 from jaxmm.learning.box_match import match_boxes
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.runs.room_scans import as_cloud, room_cases, true_boxes
-from jaxmm.verdicts.detection import detect_scans, look_at
+from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.placement import OF_CLOUDS, FitLimits
 from jaxmm.verdicts.priors import prior_of_building, prior_of_cloud
 from jaxmm.verdicts.results import box_of
 from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.verdicts.station_steps import look_at
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 from tests.cases.exact_poses import AS_IS, named
 from warp_scanner.scenes.scenes import FLOOR

@@ -6,7 +6,7 @@ import pytest
 from jaxmm.verdicts.hanging_openings import hanging, without_hanging
 from jaxmm.verdicts.priors import prior_of_building, prior_of_cloud
 from tests.cases.box_building import building_of
-from warp_scanner.scenes.building import without
+from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, TABLE, WALL, WINDOW
 
 FLOOR_SLAB, ROOF = ((0, 0, -0.1), (8, 6, 0.1), FLOOR), ((0, 0, 2.7), (8, 6, 0.1), CEILING)

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.inputs.floor_plans import building_of_plans
+from benchmarks.views.floor_plans import building_of_plans
 from jaxmm.formats.readers import PointScan
 from jaxmm.inputs import Misfit
-from jaxmm.verdicts.free_places import free_places
 from jaxmm.verdicts.panoramas import AZIMUTHS, fits_of, panorama_of, span_of_azimuth, upright_of
 from jaxmm.verdicts.pose_search import search
 from jaxmm.verdicts.priors import prior_of_building
 from jaxmm.verdicts.searched_scans import searched_scan, sensor_points
 from tests.cases.box_building import building_of, shell_of
+from warp_scanner.buildings.free_places import free_places
 from warp_scanner.scenes.scenes import PILLAR, TABLE, WALL
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, OUSTER_64, TLS

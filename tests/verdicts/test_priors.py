@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from jaxmm.files import sha256_of
 from jaxmm.formats.readers import PointScan
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import read_judges
@@ -18,6 +19,7 @@ from jaxmm.verdicts.priors import (
     prior_of_building,
     prior_of_cloud,
     read_prior,
+    unasked,
     without_stray,
 )
 from jaxmm.verdicts.results import PriorFile
@@ -49,16 +51,18 @@ def test_sizes_are_the_buildings_own_however_it_is_turned():
     assert prior.known.columns[0][:2] == pytest.approx((0.3, 0.4)) and prior.has_elements
 
 
+NOBODY = np.zeros(4, bool)
+
+
 def test_parts_of_curtain_walls_are_named_as_what_gets_no_verdict():
     building = building_of_room(walls_and_columns(), 0)[0]
-    assert not any("verdict" in note for note in prior_of_building(building).notes)
+    assert not unasked(building, NOBODY)
     table = building.elements._replace(ifc_class=("IfcPlate", "IfcWall", "IfcMember", "IfcColumn"))
-    (note,) = (one for one in prior_of_building(building._replace(elements=table)).notes if "verdict" in one)
+    (note,) = unasked(building._replace(elements=table), NOBODY)
     assert note.startswith("note: 2 elements are of the classes IfcCurtainWall, IfcPlate, IfcMember")
-    table = building.elements._replace(ifc_class=("IfcPlate", "IfcWall", "IfcWall", "IfcColumn"))
-    assert any(
-        one.startswith("note: 1 element is") for one in prior_of_building(building._replace(elements=table)).notes
-    )
+    (note,) = unasked(building._replace(elements=table), np.array([True, False, False, False]))
+    assert note.startswith("note: 1 element is")
+    assert not unasked(building._replace(elements=table), ~NOBODY)
 
 
 def test_what_may_be_a_column_by_another_name_is_told_to_get_no_verdict():
@@ -66,15 +70,12 @@ def test_what_may_be_a_column_by_another_name_is_told_to_get_no_verdict():
     table = building.elements._replace(ifc_class=("IfcWall", "IfcWall", "IfcWall", "IfcBuildingElementProxy"))
     low, high = element_bounds(building.triangles)
     tall = float(high[3, 2] - low[3, 2]) >= 2.0
-    notes = [one for one in prior_of_building(building._replace(elements=table)).notes if "verdict" in one]
-    assert tall and notes == [
+    assert tall and unasked(building._replace(elements=table), NOBODY) == [
         "note: 1 element is of the class IfcBuildingElementProxy and 2 m high or higher: "
         "rays meet it, but it gets no verdict"
     ]
     flat = building.triangles._replace(vertices=building.triangles.vertices * np.float32([1.0, 1.0, 0.3]))
-    assert not any(
-        "verdict" in one for one in prior_of_building(building._replace(elements=table, triangles=flat)).notes
-    )
+    assert not unasked(building._replace(elements=table, triangles=flat), NOBODY)
 
 
 def test_sizes_are_known_to_the_millimetre_and_counted_by_the_centimetre():
@@ -158,9 +159,11 @@ def test_the_prior_says_which_file_it_is_and_in_which_unit(tmp_path):
     np.save(tmp_path / "cloud.npy", box.sample(5000))
     box.export(tmp_path / "mesh.STL", file_type="stl")
     foot = ReadOptions(unit=0.3048)
-    assert read_prior(tmp_path / "cloud.npy").file == PriorFile("cloud.npy", "cloud", 1.0)
-    assert read_prior(tmp_path / "cloud.npy", foot).file == PriorFile("cloud.npy", "cloud", 0.3048)
-    assert read_prior(tmp_path / "mesh.STL", foot).file == PriorFile("mesh.STL", "mesh", 0.3048)
+    cloud, mesh = (sha256_of(tmp_path / name) for name in ("cloud.npy", "mesh.STL"))
+    assert cloud != mesh
+    assert read_prior(tmp_path / "cloud.npy").file == PriorFile("cloud.npy", "cloud", 1.0, None, cloud)
+    assert read_prior(tmp_path / "cloud.npy", foot).file == PriorFile("cloud.npy", "cloud", 0.3048, None, cloud)
+    assert read_prior(tmp_path / "mesh.STL", foot).file == PriorFile("mesh.STL", "mesh", 0.3048, None, mesh)
     assert prior_of_cloud(box.sample(100)).file is None
 
 
@@ -174,7 +177,8 @@ def test_an_ifc_file_says_its_unit_and_project(tmp_path, old, new, unit):
     assert old in text
     (tmp_path / "a.ifc").write_bytes(text.replace(old, new))
     guid = re.search(rb"IFCPROJECT\('([^']*)'", text)[1].decode()
-    assert read_prior(tmp_path / "a.ifc").file == PriorFile("a.ifc", "ifc", pytest.approx(unit), guid)
+    told = PriorFile("a.ifc", "ifc", pytest.approx(unit), guid, sha256_of(tmp_path / "a.ifc"))
+    assert read_prior(tmp_path / "a.ifc").file == told
 
 
 def test_a_cloud_without_points_is_no_prior():

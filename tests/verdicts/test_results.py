@@ -12,18 +12,12 @@ import pytest
 
 import jaxmm
 from jaxmm.deviations.deviation import Deviation
+from jaxmm.formats.dates import Taken
+from jaxmm.learning.element_boxes import UprightBox
 from jaxmm.rays.evidence import FRACTIONS
 from jaxmm.reports.plain_files import elements_csv, mismatches_csv
-from jaxmm.verdicts.results import (
-    Detection,
-    Drawing,
-    ElementVerdict,
-    Mismatch,
-    PriorFile,
-    ScanRecord,
-    notes_on,
-    to_json,
-)
+from jaxmm.reports.report_json import to_json
+from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord, notes_on
 from jaxmm.verdicts.verdicts import VERDICTS
 from tests.cases.detections import true_case
 
@@ -102,6 +96,7 @@ def random_detection(seed: int) -> Detection:
             name(), name(), name(), name(), VERDICTS[rng.integers(5)], share(), count(),
             tuple(count() for _ in range(4)),
             maybe(pose()), maybe(deviation()),
+            maybe(UprightBox(triple(), tuple(abs(real()) for _ in range(3)), real())),
         )
         for _ in range(rng.integers(5))
     )  # fmt: skip
@@ -109,7 +104,7 @@ def random_detection(seed: int) -> Detection:
         ScanRecord(
             name(), count(), pose(), ("given", "file", "estimated", "searched")[rng.integers(4)], maybe(pose()),
             {"shift": real(), "residual": np.float32(real())}, dict(zip(VERDICTS, rng.integers(0, 9, 5), strict=True)),
-            (name(),),
+            (name(),), taken=maybe(Taken("2026-03-02T14:30:00Z", "header")),
         )
         for _ in range(1 + rng.integers(3))
     )  # fmt: skip
@@ -123,7 +118,18 @@ def random_detection(seed: int) -> Detection:
     prior = maybe(
         PriorFile(name(), ("ifc", "mesh", "cloud")[rng.integers(3)], 10.0 ** rng.uniform(-6, 3), maybe(name()))
     )
-    return Detection(mismatches, elements, scans, {"residual": real()}, settings, timing, (name(),), drawing, prior)
+    return Detection(
+        mismatches,
+        elements,
+        scans,
+        {"residual": real()},
+        settings,
+        timing,
+        (name(),),
+        drawing,
+        prior,
+        maybe("2026-03-02"),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -185,6 +191,7 @@ def test_the_report_says_the_numbers_of_the_detection():
             assert told["told"] == one.told and told["file"] == one.file
         assert (report["prior"] is None) == (detection.prior is None)
         if detection.prior:
+            assert report["prior"].pop("files") == []
             assert PriorFile(**report["prior"]) == detection.prior
         assert report["sentences"] == list(detection.sentences) and len(report["sentences"]) == len(
             detection.mismatches
@@ -203,6 +210,8 @@ def test_the_report_says_the_numbers_of_the_detection():
         pytest.param(("elements", 0, "evidence"), {"points": 1}, id="evidence without rays"),
         pytest.param(("elements", 0, "next_view"), [0.0] * 4, id="pose of four numbers"),
         pytest.param(("scans", 0, "told"), {"moved": 1}, id="told of no verdict"),
+        pytest.param(("date",), "last week", id="a date that is none"),
+        pytest.param(("format",), 3, id="a format to come"),
         pytest.param(("prior", "kind"), "dwg", id="unknown kind of prior"),
         pytest.param(("prior", "unit"), 0.0, id="a unit without length"),
         pytest.param(("prior", "folder"), "/home", id="more of the prior than its name"),

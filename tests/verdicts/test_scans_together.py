@@ -6,12 +6,13 @@ import pytest
 from jaxmm.learning.prediction import Side, read_judges
 from jaxmm.rays.evidence import View
 from jaxmm.rays.scan_rays import ScanRays
+from jaxmm.reports.report_json import to_json
 from jaxmm.runs.room_scans import room_cases
 from jaxmm.verdicts import mismatches
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.mismatches import Looked, judged_side, shown_by_each
 from jaxmm.verdicts.named_scans import NamedScan
-from jaxmm.verdicts.results import Mismatch, to_json
+from jaxmm.verdicts.results import Mismatch
 from jaxmm.weights import DEFAULT
 from tests.cases.exact_poses import AS_IS
 

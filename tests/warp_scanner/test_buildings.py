@@ -1,6 +1,6 @@
 """Reading buildings: real IFC files land in metres and whole, meshes node by node, bad files end in one line."""
 
-import builtins
+import importlib.util
 
 import numpy as np
 import pytest
@@ -9,7 +9,8 @@ import trimesh
 from warp_scanner.buildings.files import read_building
 from warp_scanner.buildings.ifc_model import unit_scale
 from warp_scanner.buildings.positions import check_position
-from warp_scanner.scenes.building import Failure, ReadOptions, bounds, join, remarks
+from warp_scanner.scenes.building import Failure, ReadOptions, bounds, remarks
+from warp_scanner.scenes.building_edits import join
 from warp_scanner.scenes.scenes import DOOR, OTHER, PILLAR, WALL, WINDOW
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import cast_triangles, prepare
@@ -279,14 +280,7 @@ def test_refuses_missing_files_and_folders(tmp_path, name):
 def test_without_ifcopenshell_one_line_says_what_to_install(tmp_path, monkeypatch):
     path = tmp_path / "a.ifc"
     path.write_text(IFC_HEAD + IFC_PROJECT.format("#2", IFC_UNIT) + IFC_END)
-    plain = builtins.__import__
-
-    def without(name, *rest, **more):
-        if name.startswith("ifcopenshell"):
-            raise ImportError(name)
-        return plain(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ImportError, match=r"pip install 'jaxmm\[ifc\]'"):
         read_building(path)
 

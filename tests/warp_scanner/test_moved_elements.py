@@ -4,7 +4,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tests.cases.box_building import building_of
-from warp_scanner.scenes.building import element_bounds, move_element
+from warp_scanner.scenes.building import element_bounds
+from warp_scanner.scenes.building_edits import move_element
 from warp_scanner.scenes.scenes import WALL
 from warp_scanner.sensors.triangles import prepare_part
 

@@ -3,8 +3,10 @@
 E elements, S storeys, V vertices, T triangles, as in buildings.py.
 """
 
+import numpy as np
+
 from warp_scanner.guarded import Plain
-from warp_scanner.scenes.building import Building, Elements, Failure, Storeys, Triangles
+from warp_scanner.scenes.building import Building, Elements, Failure, Source, Storeys, Triangles, Twin, Whole
 
 
 def packed(building: Building) -> Plain:
@@ -12,17 +14,21 @@ def packed(building: Building) -> Plain:
     elements, triangles, storeys = building.elements, building.triangles, building.storeys
     words = {
         "guid": elements.guid, "ifc_class": elements.ifc_class, "name": elements.name,
+        "file": elements.file, "twins": elements.twins,
         "storey_guid": storeys.guid, "storey_name": storeys.name,
         "failures": building.failures, "flaws": building.flaws,
         "zero_area": building.zero_area, "notes": building.notes, "unit": building.unit, "project": building.project,
+        "sources": [one[:-1] for one in building.sources],
+        "wholes": building.wholes,
     }  # fmt: skip
     arrays = {
         "storey": elements.storey, "semantic": elements.semantic,
         "vertices": triangles.vertices, "faces": triangles.faces, "element": triangles.element,
         "origin": building.origin, "elevation": storeys.elevation,
     }  # fmt: skip
-    if building.to_map is not None:
-        arrays["to_map"] = building.to_map
+    arrays |= {name: given for name in ("to_map", "clear") if (given := getattr(building, name)) is not None}
+    if building.sources:
+        arrays["to_world"] = np.array([one.to_world for one in building.sources])
     return Plain(words, arrays)
 
 
@@ -35,7 +41,10 @@ def unpacked(plain: Plain) -> Building:
     words, arrays = plain
     storeys = Storeys(tuple(words["storey_guid"]), tuple(words["storey_name"]), arrays["elevation"])
     return Building(
-        Elements(*(tuple(words[name]) for name in ("guid", "ifc_class", "name")), arrays["storey"], arrays["semantic"]),
+        Elements(
+            *(tuple(words[name]) for name in ("guid", "ifc_class", "name")), arrays["storey"], arrays["semantic"],
+            tuple(words["file"]), tuple(tuple(Twin(*one) for one in twins) for twins in words["twins"]),
+        ),
         Triangles(*(arrays[name] for name in ("vertices", "faces", "element", "semantic"))),
         arrays["origin"],
         storeys,
@@ -46,4 +55,7 @@ def unpacked(plain: Plain) -> Building:
         tuple(Failure(*one) for one in words["flaws"]),
         words["unit"],
         words["project"],
-    )
+        tuple(Source(*one, way) for one, way in zip(words["sources"], arrays.get("to_world", ()), strict=True)),
+        tuple(Whole(*one[:4], tuple(one[4]), one[5]) for one in words["wholes"]),
+        arrays.get("clear"),
+    )  # fmt: skip

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from warp_scanner.buildings.ifc_files import read_ifc
+from warp_scanner.buildings.ifc_zips import SUFFIXES as IFC_SUFFIXES
 from warp_scanner.buildings.mesh_files import SUFFIXES, read_mesh
 from warp_scanner.scenes.building import AS_IT_IS, Building, ReadOptions
 
@@ -15,8 +16,9 @@ def read_building(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building
         ImportError: an IFC file, and ifcopenshell is not installed.
     """
     suffix = Path(path).suffix.lower()
-    if suffix == ".ifc":
+    if suffix in IFC_SUFFIXES:
         return read_ifc(path, options)
     if suffix in SUFFIXES:
         return read_mesh(path, options)
-    raise ValueError(f"{path}: expected a file ending in .ifc, {', '.join(SUFFIXES)}, got {suffix or 'no ending'}")
+    known = ", ".join((*IFC_SUFFIXES, *SUFFIXES))
+    raise ValueError(f"{path}: expected a file ending in {known}, got {suffix or 'no ending'}")

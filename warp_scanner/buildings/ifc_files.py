@@ -8,22 +8,25 @@ else that is put together (stairs, roofs) stays as its parts, but a layer is of 
 shape cannot be made are listed with the reason.
 """
 
-import dataclasses
+import contextlib
 import itertools
 import re
 from collections import Counter
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from warp_scanner.buildings import kept_models
 from warp_scanner.buildings.arrays import packed, unpacked
 from warp_scanner.buildings.ifc_bodies import keep_bodies
 from warp_scanner.buildings.ifc_grids import place_by_grids
 from warp_scanner.buildings.ifc_maps import to_map
-from warp_scanner.buildings.ifc_model import check_text, identity_of, import_ifcopenshell, open_model, unit_scale
-from warp_scanner.cores import core_count
-from warp_scanner.guarded import Plain, limits_for, read_guarded
+from warp_scanner.buildings.ifc_model import check_installed, check_text, identity_of, open_model, unit_scale
+from warp_scanner.buildings.ifc_wholes import owner_of, put_together, wholes_of
+from warp_scanner.buildings.ifc_zips import plain_file
+from warp_scanner.guarded import Plain
 from warp_scanner.scenes.building import (
     AS_IT_IS,
     MOST_NAMED,
@@ -33,17 +36,16 @@ from warp_scanner.scenes.building import (
     Part,
     ReadOptions,
     Storeys,
+    Whole,
     assemble,
 )
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
 
 # The plain CGAL kernel loses elements without a word; this one falls back on OpenCASCADE for what CGAL cannot do.
 _KERNEL = "hybrid-cgal-simple-opencascade"
+_THREADS = 1  # of its iterator: two are no faster on seven of eight files, and take 1.2 to 8 times the computing
 _GLOBAL_ID = re.compile(r"[0-3][0-9A-Za-z_$]{21}")
 _CLEAR = 0.3  # transparency from which a material counts as glass
-# Own what they are put together from; a slab what is of none of the others.
-_WHOLES = (("IfcWall", "IfcColumn", "IfcDoor", "IfcWindow"), ("IfcSlab",))
-_LAYER = "IfcBuildingElementPart"  # is of whatever it is a part of
 # Names that a version of the schema lacks match nothing.
 _WITHOUT_MATTER = (
     "IfcFeatureElementSubtraction", "IfcSurfaceFeature", "IfcVirtualElement", "IfcAnnotation", "IfcGrid",
@@ -69,7 +71,7 @@ class _Shape(NamedTuple):
 
 
 def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
-    """The building that an IFC file (STEP text, .ifc) describes.
+    """The building that an IFC file (STEP text, .ifc, or packed, .ifczip) describes.
 
     ifcopenshell runs in a process of its own: brackets without end, or a shape that is none, can crash or stall it.
 
@@ -78,14 +80,31 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
         options: whether glass and doors are there.
 
     Raises:
-        ValueError: missing; not IFC or cut off; no length unit, or an unknown one; no element with a shape; so damaged
-            that the library crashes, or takes longer or more memory than `limits_for` the file allows.
+        ValueError: missing; not IFC or cut off; an archive without one model; no length unit, or an unknown one; no
+            element with a shape; so damaged that the library crashes, or takes longer or more memory than `limits_for`
+            the file allows.
         ImportError: ifcopenshell is not installed.
     """
     path = Path(path)
-    check_text(path)
-    import_ifcopenshell()
-    return unpacked(read_guarded(_parsed, path, dataclasses.asdict(options), limits_for(path)))
+    with plain_file(path) as plain:
+        check_text(plain)
+        check_installed()
+        building = unpacked(kept_models.read(_parsed, plain, options))
+    table = building.elements._replace(file=(path.name,) * len(building.elements.guid))
+    return building._replace(elements=table, wholes=tuple(one._replace(file=path.name) for one in building.wholes))
+
+
+def reading_ahead(path: Path, options: ReadOptions = AS_IT_IS) -> AbstractContextManager[None]:
+    """Within, an IFC file is read in the background, and `read_ifc` waits for it; of what is no such file, nothing.
+
+    Whatever is wrong with the file, `read_ifc` tells.
+    """
+    try:
+        check_text(path)
+        check_installed()
+    except (ValueError, ImportError, OSError):
+        return contextlib.nullcontext()
+    return kept_models.ahead(_parsed, path, options)
 
 
 def _parsed(path: Path, options: dict[str, Any]) -> Plain:
@@ -122,14 +141,14 @@ def _building(path: Path, options: ReadOptions) -> Building:
     pieces: dict[Any, list[_Shape]] = {}
     for product in products:
         if product.id() in shapes:
-            pieces.setdefault(_owner(product), []).append(shapes[product.id()])
+            pieces.setdefault(owner_of(product), []).append(shapes[product.id()])
     parts = [
         part._replace(guid=guids[owner.id()])
         for owner, shape in pieces.items()
         if (part := _part(owner, shape, rows, options))
     ]
     # What has no body of its own is there when something that it is put together from is.
-    shown = shapes.keys() | {whole.id() for number in shapes for whole in _wholes(model.by_id(number))}
+    shown = shapes.keys() | {whole.id() for number in shapes for whole in wholes_of(model.by_id(number))}
     failures = [
         Failure(guids[product.id()], product.is_a(), product.Name or "", reasons.get(product.id(), "it has no body"))
         for product in products
@@ -139,7 +158,12 @@ def _building(path: Path, options: ReadOptions) -> Building:
     projects = map(identity_of, model.by_type("IfcProject"))
     project = next((guid for guid in projects if not guid.startswith("#")), None)
     told = notes + left_out + repeated + assumed
-    return assemble(str(path), parts, Found(storeys, tuple(failures), told, placed, unit=unit, project=project))
+    wholes = tuple(
+        Whole(guids[whole.id()], whole.is_a(), whole.Name or "", _storey_of(whole, rows), tuple(guids[n] for n in own))
+        for whole, own in put_together(pieces)
+    )
+    found = Found(storeys, tuple(failures), told, placed, unit=unit, project=project, wholes=wholes)
+    return assemble(str(path), parts, found)
 
 
 def _products(model: Any) -> tuple[list[Any], tuple[str, ...]]:
@@ -195,14 +219,15 @@ def _part(owner: Any, shapes: list[_Shape], rows: dict[int, int], options: ReadO
     start = np.cumsum([0] + [len(shape.vertices) for shape in shapes[:-1]])
     vertices = np.concatenate([shape.vertices for shape in shapes])
     faces = np.concatenate([shape.faces + first for shape, first in zip(shapes, start, strict=True)])
+    clear = np.concatenate([shape.clear for shape in shapes])
     if options.glass == "transparent":
-        clear = np.concatenate([shape.clear for shape in shapes])
         # A window whose materials say nothing is taken for glass as a whole.
         clear |= semantic == WINDOW and not clear.any()
         if clear.all():
             return None
-        faces = faces[~clear]
-    return Part(identity_of(owner), owner.is_a(), owner.Name or "", _storey_of(owner, rows), semantic, vertices, faces)
+        faces, clear = faces[~clear], None
+    named = identity_of(owner), owner.is_a(), owner.Name or ""
+    return Part(*named, _storey_of(owner, rows), semantic, vertices, faces, clear)
 
 
 def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[int, int]]:
@@ -229,39 +254,6 @@ def _storey_of(product: Any, rows: dict[int, int]) -> int:
     return rows[storey.id()] if storey else -1
 
 
-def _wholes(product: Any) -> list[Any]:
-    """All that the product is a part of, or is added to as a feature, from the nearest up."""
-    wholes, whole = [], _whole_of(product)
-    while whole is not None and whole.is_a("IfcElement") and whole not in wholes:
-        wholes.append(whole)
-        whole = _whole_of(whole)
-    return wholes
-
-
-def _whole_of(product: Any) -> Any:
-    from ifcopenshell.util.element import get_aggregate
-
-    if product.is_a("IfcFeatureElementAddition"):
-        for relation in product.ProjectsElements or ():
-            return relation.RelatingElement
-    return get_aggregate(product)
-
-
-def _owner(product: Any) -> Any:
-    """The element that the product's shape belongs to: the outermost wall, column, door or window; slab; or itself.
-
-    What is added to an element, and a layer, belongs to what has it, whatever that is.
-    """
-    line = [product, *_wholes(product)]
-    own = itertools.dropwhile(lambda one: one.is_a("IfcFeatureElementAddition") or one.is_a(_LAYER), line)
-    nearest = next(own, product)
-    for kinds in _WHOLES:
-        owners = [whole for whole in line if any(map(whole.is_a, kinds))]
-        if owners:
-            return owners[-1]
-    return nearest
-
-
 def _semantic(product: Any) -> int:
     kind = getattr(product, "PredefinedType", None)
     if product.is_a("IfcSlab") and kind == "ROOF":
@@ -281,7 +273,7 @@ def _shapes(model: Any, products: list[Any]) -> tuple[dict[int, _Shape], dict[in
     shapes: dict[int, _Shape] = {}
     if not products:
         return shapes, {}
-    iterator = ifcopenshell.geom.iterator(settings, model, core_count(), include=products, geometry_library=_KERNEL)
+    iterator = ifcopenshell.geom.iterator(settings, model, _THREADS, include=products, geometry_library=_KERNEL)
     for made in iterator:
         _keep(shapes, made)
     reasons = {}

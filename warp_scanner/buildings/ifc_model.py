@@ -1,5 +1,6 @@
 """Opens IFC files: checks their text, parses them by ifcopenshell, mends exporters' errors, reads their unit."""
 
+import importlib.util
 import mmap
 import re
 from pathlib import Path
@@ -8,6 +9,17 @@ from typing import Any
 import numpy as np
 
 _BEGIN = 4096  # bytes in which a file says that it is one
+MISSING = "reading IFC needs the extra ifc: pip install 'jaxmm[ifc]'"
+
+
+def check_installed() -> None:
+    """Look for the library without loading it.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    if importlib.util.find_spec("ifcopenshell") is None:
+        raise ImportError(MISSING)
 
 
 def import_ifcopenshell() -> Any:
@@ -24,7 +36,7 @@ def import_ifcopenshell() -> Any:
         import ifcopenshell.util.placement
         import ifcopenshell.util.unit
     except ImportError as error:
-        raise ImportError("reading IFC needs the extra ifc: pip install 'jaxmm[ifc]'") from error
+        raise ImportError(MISSING) from error
     return ifcopenshell
 
 

@@ -22,7 +22,8 @@ from warp_scanner.rooms.pairs import Pairs, joined
 from warp_scanner.rooms.scenarios import CONDITIONS, SCENARIOS, TrueBox
 from warp_scanner.rooms.settings import check_seed
 from warp_scanner.rooms.standing import Standing
-from warp_scanner.scenes.building import Building, bounds, element_bounds, fixed, join
+from warp_scanner.scenes.building import Building, bounds, element_bounds, fixed
+from warp_scanner.scenes.building_edits import join
 from warp_scanner.scenes.scenes import NOTHING, PILLAR, WALL, Primitives
 from warp_scanner.sensors.imperfections import imperfect
 from warp_scanner.sensors.poses import Pose

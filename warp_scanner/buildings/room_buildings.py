@@ -27,6 +27,6 @@ def building_of_room(primitives: Primitives, room: int, sections: int = 64) -> t
     kinds = tuple(_CLASSES.get(int(one), "") for one in semantic)
     names = tuple(f"element {one}" for one in ids)
     triangles = Triangles(vertices.astype(np.float32), faces.astype(np.int32), row.ravel().astype(np.int32), semantic)
-    elements = Elements(names, kinds, names, np.zeros(len(ids), np.int32), semantic)
+    elements = Elements(names, kinds, names, np.zeros(len(ids), np.int32), semantic, ("",) * len(ids), ((),) * len(ids))
     storeys = Storeys(("",), ("",), np.array([float(vertices[:, 2].min())]))
     return Building(elements, triangles, np.zeros(3), storeys, (), 0, (), None), ids

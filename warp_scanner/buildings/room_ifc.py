@@ -177,10 +177,14 @@ class _Writer:
 
     def solid(self, box: bool, half_size: np.ndarray, axes: Any) -> Any:
         x, y, z = (2.0 * float(value) for value in half_size)
+        # The schema lets a profile leave its place out, web-ifc does not.
+        middle = self.model.create_entity(
+            "IfcAxis2Placement2D", self.model.create_entity("IfcCartesianPoint", [0.0, 0.0])
+        )
         if box:
-            profile = self.model.create_entity("IfcRectangleProfileDef", ProfileType="AREA", XDim=x, YDim=y)
+            profile = self.model.create_entity("IfcRectangleProfileDef", "AREA", None, middle, x, y)
         else:
-            profile = self.model.create_entity("IfcCircleProfileDef", ProfileType="AREA", Radius=x / 2.0)
+            profile = self.model.create_entity("IfcCircleProfileDef", "AREA", None, middle, x / 2.0)
         up = self.model.create_entity("IfcDirection", [0.0, 0.0, 1.0])
         return self.model.create_entity("IfcExtrudedAreaSolid", profile, axes, up, z)
 

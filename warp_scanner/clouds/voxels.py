@@ -4,13 +4,12 @@ N points of a cloud. Any frame, metres.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
 
 from warp_scanner.kernels import voxels as kernels
-from warp_scanner.launches import check_cloud, joined, load, parts_of, share, starts_of, thread_count
+from warp_scanner.launches import check_cloud, joined, load, parts_of, share, share_out, starts_of, thread_count
 
 _POINTS_AT_ONCE = 2**16  # of one thread: about 8 MB of scratch
 _FEWEST_ENTRIES = 16
@@ -43,9 +42,13 @@ def thin_clouds(clouds: Sequence[np.ndarray], size: float = 0.1, threads: int | 
     load(kernels)
     sizes = np.array([len(cloud) for cloud in clouds], np.int64)
     parts = parts_of(sizes, min(_POINTS_AT_ONCE, -(-int(sizes.sum()) // threads)))
-    with ThreadPoolExecutor(threads) as pool:
-        found = pool.map(lambda part: _thin(clouds[part], size), parts)
-        kept = [indices for part in found for indices in part]
+    found = [[]] * len(parts)
+
+    def thin(number: int, _: int) -> None:
+        found[number] = _thin(clouds[parts[number]], size)
+
+    share_out(thin, len(parts), threads, at_once=1)
+    kept = [indices for part in found for indices in part]
     for number, indices in enumerate(kept):
         if indices is None:
             span = np.ptp(clouds[number], axis=0).max()

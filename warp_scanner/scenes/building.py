@@ -6,7 +6,7 @@ are offsets too.
 """
 
 import dataclasses
-import itertools
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -21,14 +21,27 @@ MOST_NAMED = 5  # of elements that something is remarked of
 _THIN = 1e-8  # [m] height of a triangle that counts as none: what float64 leaves of one at national-grid coordinates
 
 
+class Twin(NamedTuple):
+    """An element of another file that stands at the same place and fills the same; only one of both has triangles."""
+
+    guid: str
+    ifc_class: str
+    name: str
+    storey: int  # row of the storey table or -1
+    semantic: int
+    file: str
+
+
 class Elements(NamedTuple):
     """What the objects of a building are; position in the table is the element id."""
 
-    guid: tuple[str, ...]  # IFC GlobalId, or the node's name in a mesh file; unique
+    guid: tuple[str, ...]  # IFC GlobalId, or the node's name in a mesh file; unique among those of one file
     ifc_class: tuple[str, ...]  # as the file has it, e.g. IfcWallStandardCase; empty for meshes
     name: tuple[str, ...]  # may be empty
     storey: np.ndarray  # (E,) int32 row of the storey table; -1 where the file names none
     semantic: np.ndarray  # (E,) uint8 class of scenes.py
+    file: tuple[str, ...]  # that it is of: its name, below the folder of the model where that has several
+    twins: tuple[tuple[Twin, ...], ...]  # of each, the same in other files
 
 
 class Triangles(NamedTuple):
@@ -55,6 +68,29 @@ class Failure(NamedTuple):
     ifc_class: str
     name: str
     reason: str
+    file: str = ""  # where the building is of several
+
+
+class Source(NamedTuple):
+    """One of the files that a building was put together from."""
+
+    file: str  # name, below the folder of the model
+    kind: str  # "ifc" | "mesh"
+    unit: float  # [m] length of its unit
+    project: str | None  # GlobalId of the IfcProject, of an IFC file
+    elements: int  # of those with a shape
+    to_world: np.ndarray  # (4, 4) float64 from the file's own frame, in metres, to that of the building
+
+
+class Whole(NamedTuple):
+    """What is put together from elements: a stair of flights, a roof of slabs; it may be an element itself."""
+
+    guid: str  # IFC GlobalId
+    ifc_class: str
+    name: str
+    storey: int  # row of the storey table or -1
+    parts: tuple[str, ...]  # guids of elements, of the same file
+    file: str = ""  # where the building is of several
 
 
 class Building(NamedTuple):
@@ -71,6 +107,9 @@ class Building(NamedTuple):
     flaws: tuple[Failure, ...] = ()  # elements that are there, but whose surface cannot be that of a solid
     unit: float = 1.0  # [m] length of the file's unit
     project: str | None = None  # GlobalId of the IfcProject, of an IFC file
+    sources: tuple[Source, ...] = ()  # the files, where it is of several
+    wholes: tuple[Whole, ...] = ()  # parts that a model without some of its elements lacks may still be named
+    clear: np.ndarray | None = None  # (T,) bool: triangles of glass, by their material; None: nobody knows
 
 
 class Part(NamedTuple):
@@ -83,6 +122,7 @@ class Part(NamedTuple):
     semantic: int
     vertices: np.ndarray  # (v, 3) float64 [m] world
     faces: np.ndarray  # (t, 3) int
+    clear: np.ndarray | None = None  # (t,) bool: of a transparent material; None: none is
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,8 +155,10 @@ class Found(NamedTuple):
     flaws: tuple[Failure, ...] = ()
     unit: float = 1.0
     project: str | None = None
+    wholes: tuple[Whole, ...] = ()
 
 
+WITHOUT_STOREYS = "the file has no storeys: the floor of the bounding box stands for one"
 NO_STOREYS = Storeys((), (), np.zeros(0))
 
 
@@ -146,10 +188,10 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
 
     low = np.array([part.vertices[part.faces].min(axis=(0, 1)) for part in solid])
     high = np.array([part.vertices[part.faces].max(axis=(0, 1)) for part in solid])
-    origin, far = _origin(low, high)
+    origin, far = origin_of(low, high)
     storeys, notes = found.storeys, [*found.notes, *far]
     if not storeys.name:
-        notes.append("the file has no storeys: the floor of the bounding box stands for one")
+        notes.append(WITHOUT_STOREYS)
         storeys = Storeys(("",), ("",), low[:, 2].min(keepdims=True))
         solid = [part._replace(storey=0) for part in solid]
     storeys = storeys._replace(elevation=storeys.elevation - origin[2])
@@ -157,11 +199,14 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
         *(tuple(getattr(part, name) for part in solid) for name in ("guid", "ifc_class", "name")),
         np.array([part.storey for part in solid], np.int32),
         np.array([part.semantic for part in solid], np.uint8),
+        (Path(source).name,) * len(solid),
+        ((),) * len(solid),
     )
     triangles = _joined(solid, origin, elements.semantic)
+    clear = [np.zeros(len(part.faces), bool) if part.clear is None else part.clear for part in solid]
     return Building(
         elements, triangles, origin, storeys, tuple(failures), zero_area, tuple(notes), found.to_map, found.flaws,
-        found.unit, found.project,
+        found.unit, found.project, (), found.wholes, np.concatenate(clear),
     )  # fmt: skip
 
 
@@ -169,13 +214,29 @@ def remarks(building: Building) -> list[str]:
     """What a user must know of how the file was read, a line each: what is missing, flawed, left out or assumed."""
     lines = []
     for word, elements in (("without a shape", building.failures), ("not a solid", building.flaws)):
-        told = [f"{word}: {one.ifc_class or 'element'} {one.name!r} ({one.guid}): {one.reason}" for one in elements]
+        told = [line for alike in _alike(elements) for line in _told(word, alike)]
         if elements is building.flaws and len(told) > MOST_NAMED:  # of a mesh without a solid they would hide all else
             told[MOST_NAMED:] = [f"{word}: {len(told) - MOST_NAMED} more elements, for such reasons"]
         lines += told
     if building.zero_area:
         lines.append(f"note: {building.zero_area} triangles without area were left out")
     return lines + [f"note: {note}" for note in building.notes]
+
+
+def _alike(elements: tuple[Failure, ...]) -> list[list[Failure]]:
+    """Failures of one class and reason in one of several files together; each of an only file by itself."""
+    groups: dict[tuple, list[Failure]] = {}
+    for number, one in enumerate(elements):
+        groups.setdefault((one.file, one.ifc_class, one.reason) if one.file else (number,), []).append(one)
+    return list(groups.values())
+
+
+def _told(word: str, alike: list[Failure]) -> list[str]:
+    first = alike[0]
+    kind, where = first.ifc_class or "element", f"{first.file}: " if first.file else ""
+    if len(alike) > MOST_NAMED:
+        return [f"{where}{word}: {len(alike)} of the class {kind}: {first.reason}"]
+    return [f"{where}{word}: {kind} {one.name!r} ({one.guid}): {one.reason}" for one in alike]
 
 
 def bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
@@ -199,60 +260,12 @@ def element_bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
     return spans[0], spans[1]
 
 
-def without(building: Building, rows: np.ndarray) -> Building:
-    """A building as a model that misses some elements (n,): those behind them move up in the table."""
-    stays = np.ones(len(building.elements.guid), bool)
-    stays[rows] = False
-    table = Elements(*(
-        tuple(itertools.compress(column, stays)) if isinstance(column, tuple) else column[stays]
-        for column in building.elements
-    ))  # fmt: skip
-    vertices, faces, element, semantic = building.triangles
-    left = stays[element]
-    element = (np.cumsum(stays) - 1)[element[left]].astype(np.int32)
-    return building._replace(elements=table, triangles=Triangles(vertices, faces[left], element, semantic[stays]))
-
-
 def fixed(triangles: Triangles) -> np.ndarray:
     """(E,) bool: what is part of the building; nothing that is added, and no sensor, stands on its furniture."""
     return ~np.isin(triangles.semantic, _MOVABLE)
 
 
-def move_element(
-    triangles: Triangles, row: int, step: np.ndarray, turn: np.ndarray, about: np.ndarray | None = None
-) -> Triangles:
-    """The triangles with one element moved; corners that others share with it stay theirs.
-
-    Args:
-        triangles: of all elements.
-        row: of the element.
-        step: (3,) [m].
-        turn: (3,) [rad] rotation vector.
-        about: (3,) [m] what it turns about; None: the middle of what it fills.
-    """
-    from scipy.spatial.transform import Rotation  # slow to import
-
-    own = triangles.element == row
-    used, place = np.unique(triangles.faces[own], return_inverse=True)
-    corners = triangles.vertices[used].astype(np.float64)
-    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0 if about is None else about
-    corners = Rotation.from_rotvec(turn).apply(corners - middle) + middle + step
-    faces = triangles.faces.copy()
-    faces[own] = len(triangles.vertices) + place.reshape(-1, 3)
-    return triangles._replace(vertices=np.concatenate([triangles.vertices, corners.astype(np.float32)]), faces=faces)
-
-
-def join(first: Triangles, second: Triangles) -> Triangles:
-    """Two sets of triangles in one; the elements of the second come after those of the first."""
-    return Triangles(
-        np.concatenate([first.vertices, second.vertices]),
-        np.concatenate([first.faces, second.faces + np.int32(len(first.vertices))]),
-        np.concatenate([first.element, second.element + np.int32(len(first.semantic))]),
-        np.concatenate([first.semantic, second.semantic]),
-    )
-
-
-def _origin(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def origin_of(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Where offsets count from, given the elements' bounding boxes (n, 3), and what float32 loses of those far off."""
     if max(-low.min(), high.max()) <= _NEAR:
         return np.zeros(3), []
@@ -283,7 +296,9 @@ def _solid(part: Part) -> Part:
     sides = np.roll(corners, -1, axis=1) - corners
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    return part._replace(faces=part.faces.reshape(-1, 3)[area > _THIN * longest])
+    kept = area > _THIN * longest
+    clear = None if part.clear is None else part.clear[kept]
+    return part._replace(faces=part.faces.reshape(-1, 3)[kept], clear=clear)
 
 
 def _failed(part: Part, reason: str) -> Failure:

@@ -14,6 +14,7 @@ from warp_scanner.launches import load, share, share_out, thread_count
 from warp_scanner.scenes.building import Triangles
 from warp_scanner.sensors.scan import Rays, Scan, checked_rays
 
+_POINTS_PER_LAUNCH = 8192
 _PACKETS_PER_LAUNCH = 256  # small enough to share out evenly, large enough to hide the cost of a launch
 
 
@@ -115,9 +116,13 @@ def clearance(scene: TriangleScene, points: np.ndarray, reach: float) -> np.ndar
     """Distance (N,) float32 [m] from points (N, 3) to the nearest triangle; `reach` where there is none within it."""
     points = np.ascontiguousarray(points, np.float32)
     distance = np.full(len(points), reach, np.float32)
-    if len(points):
-        inputs = [scene.mesh.id, share(points, wp.vec3), float(reach)]
-        wp.launch(kernels.find_closest, len(points), inputs, [share(distance, wp.float32)], device="cpu")
+
+    def launch(first: int, size: int) -> None:
+        part = slice(first, first + size)
+        inputs = [scene.mesh.id, share(points[part], wp.vec3), float(reach)]
+        wp.launch(kernels.find_closest, size, inputs, [share(distance[part], wp.float32)], device="cpu")
+
+    share_out(launch, len(points), thread_count(None), _POINTS_PER_LAUNCH)
     return distance
 
 

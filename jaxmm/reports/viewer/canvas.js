@@ -35,30 +35,58 @@ function filled(gl, values) {
   return buffer;
 }
 
-/**
- * How a program reads its attributes: rows of {name, buffer, size, kind, normalized, stride, offset}; `each` is true
- * where a row holds for a whole instance.
- */
-function readBy(gl, { program }, rows, each = false) {
+/** A texture of lines as `lineBytes` gives them, LINES_A_ROW in a row. */
+function lineTexture(gl, bytes) {
+  const texture = gl.createTexture();
+  const rows = Math.max(1, Math.ceil(bytes.length / (LINE * LINES_A_ROW)));
+  const whole = new Uint32Array(rows * LINE * LINES_A_ROW);
+  whole.set(bytes);
+  gl.bindTexture(gl.TEXTURE_2D, texture);
+  gl.texImage2D(
+    gl.TEXTURE_2D, 0, gl.RGBA32UI, 2 * LINES_A_ROW, rows, 0, gl.RGBA_INTEGER, gl.UNSIGNED_INT, whole,
+  );
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+  return texture;
+}
+
+/** How a program reads its attributes: rows of {name, buffer, size, kind, normalized, stride}. */
+function readBy(gl, { program }, rows) {
   const reader = gl.createVertexArray();
   gl.bindVertexArray(reader);
   for (const row of rows) {
     const place = gl.getAttribLocation(program, row.name);
     gl.bindBuffer(gl.ARRAY_BUFFER, row.buffer);
     gl.enableVertexAttribArray(place);
-    gl.vertexAttribPointer(place, row.size, row.kind, row.normalized ?? false, row.stride ?? 0, row.offset ?? 0);
-    if (each) gl.vertexAttribDivisor(place, 1);
+    gl.vertexAttribPointer(place, row.size, row.kind, row.normalized ?? false, row.stride ?? 0, 0);
   }
   gl.bindVertexArray(null);
   return reader;
 }
 
-/** Let the canvas have as many pixels as the screen shows of it, at most two a CSS pixel; returns that ratio. */
-function fitted(canvas) {
-  const ratio = Math.min(window.devicePixelRatio || 1, 2);
+/**
+ * Let the canvas have as many pixels as the screen shows of it, at most two a CSS pixel, or a share of them; returns
+ * that ratio.
+ */
+function fitted(canvas, share) {
+  const ratio = Math.min(window.devicePixelRatio || 1, 2) * share;
   const pixels = (size) => Math.max(1, Math.round(size * ratio));
   const [width, height] = [canvas.clientWidth, canvas.clientHeight].map(pixels);
   if (canvas.width !== width) canvas.width = width;
   if (canvas.height !== height) canvas.height = height;
   return ratio;
+}
+
+/** Call `told` with the milliseconds that the graphics card needs for all it was asked for so far. */
+function timed(gl, told) {
+  const start = performance.now();
+  const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+  gl.flush();
+  const look = () => {
+    const done = gl.isContextLost() || gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.SIGNALED;
+    if (!done) return void window.setTimeout(look, 4);
+    gl.deleteSync(fence);
+    return told(performance.now() - start);
+  };
+  window.setTimeout(look, 0);
 }

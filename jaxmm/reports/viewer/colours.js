@@ -1,6 +1,8 @@
 // Colours that are told apart with every kind of colour blindness (M. Okabe and K. Ito, 2008), and signs beside them.
 
-const INK = "#1d2329";
+/** A colour of the page's style, as it is now: a page turns dark with the system. */
+const ofStyle = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const ink = () => ofStyle("--ink");
 const ADDED = "#0072b2";
 const REMOVED = "#d55e00";
 /** By verdict: its colour, how strongly its surfaces are filled, and a sign for where colour is not seen. */
@@ -11,6 +13,7 @@ const VERDICTS = {
   unscanned: { tint: "#767d85", fill: 0.08, sign: "?" },
   present: { tint: "#009e73", fill: 0.11, sign: "✓" },
 };
+const UNEXPLAINED = "#2b8cbe"; // what is not in the model: lines
 const ARROW = "#a35c00"; // of offsets: that of displaced elements, darker, for lines are thin
 const NO_VERDICT = { tint: "#98a1aa", fill: 0.05, sign: "–" };
 /** By what most rays did; each in the colour of the verdict that it speaks for. */
@@ -18,22 +21,22 @@ const EVIDENCE = { through: REMOVED, support: "#009e73", blocked: "#cc79a7", uns
 /** Points from probability 0 to 1. */
 const ROBOT_RAMP = ["#7d8894", ADDED];
 const PRIOR_RAMP = ["#b9b2a3", REMOVED];
-const SCANS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#a89c00", "#1d2329"];
+const SCANS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#a89c00", "#8a5a44"];
 
 /** What points may be coloured by; the last where there are several scans. */
 const MODES = ["probability", "evidence", "scan"];
 
-const scanTint = (scan) => (report.scans.length > 1 ? SCANS[scan % SCANS.length] : INK);
+const scanTint = (scan) => (report.scans.length > 1 ? SCANS[scan % SCANS.length] : ink());
 /** What elements may be coloured by: their verdict, or how far off its place each stands. */
 const TINTINGS = ["verdict", "deviation"];
 /** What they are coloured by now; the controls change it. The tolerance [m] matters to deviations only. */
 const tinting = { by: "verdict", tolerance: data.tolerance };
 const OFF_SCALE = offScale(data.deviations); // [m]
 
-function lookOf(guid) {
-  const off = offOfGuid.get(guid) ?? null;
+function lookOf(key) {
+  const off = offOfKey.get(key) ?? null;
   if (tinting.by === "deviation") return offLook(off, tinting.tolerance, OFF_SCALE) ?? NO_VERDICT;
-  return VERDICTS[verdictOfGuid.get(guid)?.verdict] ?? NO_VERDICT;
+  return VERDICTS[verdictOfKey.get(key)?.verdict] ?? NO_VERDICT;
 }
 
 /** "#rrggbb" to [r, g, b] in 0..1. */

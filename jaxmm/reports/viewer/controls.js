@@ -71,7 +71,7 @@ function steer(canvas, camera, moved, clicked) {
 function showControls(state, changed) {
   const has = {
     surface: data.has_surface && triangleCount > 0, prior: arrays.prior.length > 0, robot: arrays.robot.length > 0,
-    boxes: report.mismatches.length > 0, arrows: data.deviations.some((one) => one !== null),
+    boxes: report.mismatches.length > 0, things: report.unexplained.length > 0, arrows: data.deviations.some((one) => one !== null),
     frustum: report.scans.length > 0, ceiling: true,
   };
   const boxes = Object.fromEntries(Object.keys(state.layers).map((layer) => {
@@ -125,6 +125,7 @@ function layerWords(layer) {
     prior: `model points (${prior})`,
     robot: `robot points (${robot})`,
     boxes: `boxes of mismatches (${count(report.mismatches.length)})`,
+    things: `outlines of what else is not in the model (${count(report.unexplained.length)})`,
     arrows: `arrows of displaced elements (${count(displacedElements.length)}), ${arrowsLong} times as long`,
     frustum: "sensors and their fields of view",
     ceiling: "ceiling and other storeys",

@@ -20,18 +20,24 @@ function decoded(array) {
 /** World position to the offset that everything is drawn in; differences in double precision. */
 const offsetOf = (place) => [0, 1, 2].map((axis) => place[axis] - data.origin[axis]);
 
-const elementCount = data.guid.length;
-const indexOfGuid = new Map(data.guid.map((guid, index) => [guid, index]));
-const verdictOfGuid = new Map(report.elements.map((one) => [one.guid, one]));
-const offOfGuid = new Map(report.elements.map((one, index) => [one.guid, data.deviations[index]]));
-/** Elements that stand off their places, the worst first. */
+// Files may share GlobalIds, so elements go by keys: the GlobalId, with the file where another file has it, too.
+report.elements.forEach((one, index) => { one.key = data.element_key[index]; });
+const elementCount = data.key.length;
+const indexOfKey = new Map([...data.twins, ...data.key.map((key, index) => [key, index])]);
+const verdictOfKey = new Map(report.elements.map((one) => [one.key, one]));
+const offOfKey = new Map(report.elements.map((one, index) => [one.key, data.deviations[index]]));
+/** Elements that stand off their places, the worst first, without those that are the same as another in its file. */
 const displacedElements = report.elements
-  .filter((one) => one.verdict === "displaced" && offOfGuid.get(one.guid))
-  .sort((a, b) => surelyOff(offOfGuid.get(b.guid)) - surelyOff(offOfGuid.get(a.guid)));
-const arrowsLong = arrowTimes(displacedElements.map((one) => offOfGuid.get(one.guid))); // times the offsets
-const mismatchOfGuid = new Map();
+  .filter((one) => !data.twins.some(([key]) => key === one.key))
+  .filter((one) => one.verdict === "displaced" && offOfKey.get(one.key))
+  .sort((a, b) => surelyOff(offOfKey.get(b.key)) - surelyOff(offOfKey.get(a.key)));
+const arrowsLong = arrowTimes(displacedElements.map((one) => offOfKey.get(one.key))); // times the offsets
+const mismatchOfKey = new Map();
 report.mismatches.forEach((one, index) => {
-  if (one.element !== null) mismatchOfGuid.set(one.element, index);
+  if (one.element === null) return;
+  const key = data.mismatch_key[index];
+  mismatchOfKey.set(key, index);
+  for (const [twin, element] of data.twins) if (data.key[element] === key) mismatchOfKey.set(twin, index);
 });
 
 /** First point of each scan in the robot's cloud, which is in the order of the scans; one more than there are scans. */

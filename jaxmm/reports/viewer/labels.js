@@ -15,7 +15,7 @@ function makeLabels(state, actions, { grid, bounds }) {
     return add(make("span", {}, words), () => eye, () => state.layers.frustum && !state.hidden.has(scan));
   });
   const proposed = () => {
-    const pose = verdictOfGuid.get(state.guid)?.next_view;
+    const pose = verdictOfKey.get(state.key)?.next_view;
     return pose ? offsetOf(pose) : null;
   };
   const proposal = add(make("span", {}, "proposed view"), proposed, () => state.layers.frustum);
@@ -27,9 +27,9 @@ function makeLabels(state, actions, { grid, bounds }) {
     return add(node, () => [x, y, top()], () => state.layers.boxes, index);
   });
   const offsets = displacedElements.slice(0, MOST_OFFSETS).flatMap((one) => {
-    const [, tip] = arrowOf(one.guid, bounds)[0] ?? [];
-    const click = () => { actions.choose(one.guid); actions.look(); };
-    const node = make("button", { class: "displaced", tabindex: "-1", click }, millimetres(offOfGuid.get(one.guid)));
+    const [, tip] = arrowOf(one.key, bounds)[0] ?? [];
+    const click = () => { actions.choose(one.key); actions.look(); };
+    const node = make("button", { class: "displaced", tabindex: "-1", click }, millimetres(offOfKey.get(one.key)));
     return tip ? [add(node, () => tip, () => state.layers.arrows)] : [];
   });
   return [...axes, ...sensors, proposal, ...offsets, ...boxes];

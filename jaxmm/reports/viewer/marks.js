@@ -1,6 +1,7 @@
 // What is drawn on top of clouds and surfaces: boxes of mismatches, sensors, proposed views, and the grid on the floor.
 
 const LINE = 8; // numbers of a line: start, end, colour, dash
+const LINES_A_ROW = 1024; // of the texture that holds them; the shader says the same
 const DASH = 0.24; // [m] of dash and gap
 
 /** Append a line between two places; `ink` as `packed` gives it, `dash` [m], 0 for a solid one. */
@@ -13,7 +14,7 @@ function lineBytes(lines) {
   const numbers = new Float32Array(lines);
   const bytes = new Uint32Array(numbers.buffer);
   for (let i = 6; i < lines.length; i += LINE) bytes[i] = lines[i];
-  return numbers;
+  return bytes;
 }
 
 /** Corners of a mismatch's footprint, counter-clockwise: 4 of a rectangle, 32 of a round one; [x, y] offsets. */
@@ -62,18 +63,34 @@ function boxTriangles(mismatch, cut) {
   });
 }
 
-/** Arrows of elements that stand off their places, from the middle of each along its offset. */
-function offsetArrows(guids, bounds) {
+/** Outlines of what is not in the model, and neither a wall nor a column. */
+function thingLines(cut) {
   const lines = [];
-  for (const guid of guids) {
-    for (const [start, end] of arrowOf(guid, bounds)) addLine(lines, start, end, packed(ARROW));
+  for (const one of report.unexplained) {
+    const corners = footprint(one);
+    const [bottom, top] = heights(one, cut);
+    if (bottom >= cut) continue;
+    corners.forEach((corner, k) => {
+      const next = corners[(k + 1) % corners.length];
+      for (const z of [bottom, top]) addLine(lines, [...corner, z], [...next, z], packed(UNEXPLAINED), DASH / 3);
+      addLine(lines, [...corner, bottom], [...corner, top], packed(UNEXPLAINED), DASH / 3);
+    });
+  }
+  return lines;
+}
+
+/** Arrows of elements that stand off their places, from the middle of each along its offset. */
+function offsetArrows(keys, bounds) {
+  const lines = [];
+  for (const key of keys) {
+    for (const [start, end] of arrowOf(key, bounds)) addLine(lines, start, end, packed(ARROW));
   }
   return lines;
 }
 
 /** The strokes of one element's arrow, from tail to tip first; none where it was not measured or is not drawn. */
-function arrowOf(guid, bounds) {
-  const [element, off] = [indexOfGuid.get(guid), offOfGuid.get(guid)];
+function arrowOf(key, bounds) {
+  const [element, off] = [indexOfKey.get(key), offOfKey.get(key)];
   if (!off || element === undefined || !Number.isFinite(bounds[6 * element])) return [];
   const middle = [0, 1, 2].map((axis) => (bounds[6 * element + axis] + bounds[6 * element + 3 + axis]) / 2);
   return arrowStrokes(middle, off.offset, arrowsLong);

@@ -1,7 +1,11 @@
 // Everything that is on the graphics card, and how one picture is drawn from it.
 
-const BACKGROUND = rgb("#f5f6f8");
 const POINT_WIDTH = 0.04; // [m]
+/** How much is drawn, from all to least: of each CSS pixel's side the share, and every how many-th point. */
+const DETAILS = [
+  { share: 1, step: 1 }, { share: 0.7, step: 2 }, { share: 0.5, step: 4 }, { share: 0.35, step: 8 },
+  { share: 0.25, step: 16 },
+];
 
 /**
  * The painter of a context: fixed buffers now, `draw` for every picture; `cutAt`, `proposed`, `tinted` and `pointedAt`
@@ -17,44 +21,47 @@ function painterOf(gl) {
   const edges = edgeLines();
   const grid = gridMarks();
   const long = Math.min(2.5, Math.max(1, 0.2 * Math.hypot(...sum(data.frame.high, data.frame.low, -1))));
-  const sensors = report.scans.map((scan, index) =>
-    sensorMarks(scan.pose, data.fields_of_view[index] ?? [], scanTint(index), long));
+  const sensorsOf = (old) => report.scans.map((scan, index) => {
+    const one = sensorMarks(scan.pose, data.fields_of_view[index] ?? [], scanTint(index), long);
+    const lines = lineItem(gl, one.lines, old[index]?.lines);
+    const solid = solidItem(gl, programs, one.triangles, scanTint(index), 1, old[index]?.solid);
+    return { eye: one.eye, lines, solid };
+  });
   const painter = {
     gl, programs, bounds, grid, edgeStarts: edges.starts,
+    nothing: gl.createVertexArray(), // lines have no attributes
     surface: surfaceItem(gl, programs),
-    edges: lineItem(gl, programs, edges.lines),
-    arrows: lineItem(gl, programs, []),
-    plan: lineItem(gl, programs, []),
-    grid_: lineItem(gl, programs, grid.lines),
+    edges: lineItem(gl, edges.lines),
+    arrows: lineItem(gl, []),
+    plan: lineItem(gl, []),
+    grid_: lineItem(gl, grid.lines),
     boxes: [],
-    sensors: sensors.map((one, index) => ({
-      eye: one.eye,
-      lines: lineItem(gl, programs, one.lines),
-      solid: solidItem(gl, programs, one.triangles, scanTint(index), 1),
-    })),
+    sensors: sensorsOf([]),
     proposal: null,
     robot: pointItem(gl, programs, arrays.robot, arrays.robot_probability, arrays.robot_evidence),
     prior: pointItem(gl, programs, arrays.prior, arrays.prior_probability, arrays.prior_evidence),
   };
   painter.cutAt = (z) => {
-    painter.plan = lineItem(gl, programs, planLines(bounds, z), painter.plan);
+    painter.plan = lineItem(gl, planLines(bounds, z), painter.plan);
+    painter.things = lineItem(gl, thingLines(z), painter.things);
     painter.boxes = report.mismatches.map((one, index) => boxItem(gl, programs, one, z, painter.boxes[index]));
   };
   painter.proposed = (pose) => {
-    const marks = pose && sensorMarks(pose, [], INK, 0.8);
+    const marks = pose && sensorMarks(pose, [], ink(), 0.8);
     painter.proposal = marks && {
       eye: marks.eye,
-      lines: lineItem(gl, programs, marks.lines, painter.proposal?.lines),
+      lines: lineItem(gl, marks.lines, painter.proposal?.lines),
       solid: solidItem(gl, programs, marks.triangles, "#e69f00", 1, painter.proposal?.solid),
     };
   };
   painter.tinted = () => {
+    painter.sensors = sensorsOf(painter.sensors);
     gl.bindBuffer(gl.ARRAY_BUFFER, painter.surface.buffers[1]);
-    gl.bufferData(gl.ARRAY_BUFFER, tintsOf(), gl.STATIC_DRAW);
-    painter.edges = lineItem(gl, programs, inked(edges).lines, painter.edges);
+    gl.bufferData(gl.ARRAY_BUFFER, tintsOf(cornersOf()), gl.STATIC_DRAW);
+    painter.edges = lineItem(gl, inked(edges).lines, painter.edges);
   };
-  painter.pointedAt = (guids) => {
-    painter.arrows = lineItem(gl, programs, offsetArrows(guids, bounds), painter.arrows);
+  painter.pointedAt = (keys) => {
+    painter.arrows = lineItem(gl, offsetArrows(keys, bounds), painter.arrows);
   };
   painter.draw = (state, view) => draw(painter, state, view);
   return painter;
@@ -63,24 +70,14 @@ function painterOf(gl) {
 /** Free what `old` held, so that what moves can be made anew at every move. */
 function replaced(gl, old) {
   if (!old) return;
-  old.buffers.forEach((buffer) => gl.deleteBuffer(buffer));
-  gl.deleteVertexArray(old.reader);
+  old.buffers?.forEach((buffer) => gl.deleteBuffer(buffer));
+  if (old.reader) gl.deleteVertexArray(old.reader);
+  if (old.texture) gl.deleteTexture(old.texture);
 }
 
-function lineItem(gl, programs, lines, old = null) {
+function lineItem(gl, lines, old = null) {
   replaced(gl, old);
-  const buffer = filled(gl, lineBytes(lines));
-  const read = (first) => {
-    const row = { buffer, stride: 4 * LINE, kind: gl.FLOAT };
-    const at = 4 * LINE * first;
-    return readBy(gl, programs.lines, [
-      { ...row, name: "start", size: 3, offset: at },
-      { ...row, name: "end", size: 3, offset: at + 12 },
-      { ...row, name: "tint", size: 4, offset: at + 24, kind: gl.UNSIGNED_BYTE, normalized: true },
-      { ...row, name: "dash", size: 1, offset: at + 28 },
-    ], true);
-  };
-  return { reader: read(0), read, buffers: [buffer], count: lines.length / LINE };
+  return { texture: lineTexture(gl, lineBytes(lines)), count: lines.length / LINE };
 }
 
 function triangleItem(gl, programs, place, tint, old = null) {
@@ -94,39 +91,43 @@ function triangleItem(gl, programs, place, tint, old = null) {
 }
 
 function surfaceItem(gl, programs) {
-  return triangleItem(gl, programs, cornersOf(), tintsOf());
+  const place = cornersOf();
+  return triangleItem(gl, programs, place, tintsOf(place));
 }
 
 function solidItem(gl, programs, numbers, hex, opacity, old = null) {
   const tint = new Uint32Array(numbers.length / 3).fill(packed(hex, opacity));
-  return triangleItem(gl, programs, new Float32Array(numbers), tint, old);
+  return triangleItem(gl, programs, new Float32Array(numbers), lit(tint, numbers), old);
 }
 
 function boxItem(gl, programs, mismatch, cut, old) {
   const removed = mismatch.mismatch_type === "removed";
-  const lines = lineItem(gl, programs, boxLines(mismatch, cut), old?.lines);
+  const lines = lineItem(gl, boxLines(mismatch, cut), old?.lines);
   const sides = solidItem(gl, programs, boxTriangles(mismatch, cut), removed ? REMOVED : ADDED, 0.3, old?.sides);
   return { removed, lines, sides };
 }
 
+/** Points, with a reader of all of them, of every second one, and so on, by the steps of DETAILS. */
 function pointItem(gl, programs, place, probability, evidence) {
-  const reader = readBy(gl, programs.points, [
-    { name: "place", buffer: filled(gl, place), size: 3, kind: gl.FLOAT },
-    { name: "probability", buffer: filled(gl, probability), size: 1, kind: gl.UNSIGNED_BYTE, normalized: true },
-    { name: "evidence", buffer: filled(gl, evidence), size: 1, kind: gl.UNSIGNED_BYTE },
-  ]);
-  return { reader, count: place.length / 3 };
+  const buffers = [place, probability, evidence].map((values) => filled(gl, values));
+  const readers = DETAILS.map(({ step }) => readBy(gl, programs.points, [
+    { name: "place", buffer: buffers[0], size: 3, kind: gl.FLOAT, stride: 12 * step },
+    { name: "probability", buffer: buffers[1], size: 1, kind: gl.UNSIGNED_BYTE, normalized: true, stride: step },
+    { name: "evidence", buffer: buffers[2], size: 1, kind: gl.UNSIGNED_BYTE, stride: step },
+  ]));
+  return { readers, count: place.length / 3 };
 }
 
 /**
  * One picture: points first, for they hide what lies behind; then, through each other, floor, surfaces, boxes, sensors.
  *
- * state: of the viewer; view: {matrix, eye, ratio, between} with the pixels of a CSS pixel and the heights drawn [m].
+ * state: of the viewer; view: {matrix, eye, ratio, between, detail} with the pixels of a CSS pixel, the heights drawn [m]
+ * and the row of DETAILS.
  */
 function draw(painter, state, view) {
   const { gl } = painter;
   gl.viewport(0, 0, gl.canvas.width, gl.canvas.height);
-  gl.clearColor(...BACKGROUND, 1);
+  gl.clearColor(...rgb(ofStyle("--back")), 1);
   gl.depthMask(true);
   gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   gl.enable(gl.DEPTH_TEST);
@@ -142,10 +143,11 @@ function draw(painter, state, view) {
     drawLines(painter, painter.edges, view, 1.1);
     drawLines(painter, painter.plan, { ...view, between: EVERYWHERE }, 1.8);
   }
-  const element = indexOfGuid.get(state.guid);
+  const element = indexOfKey.get(state.key);
   if (element !== undefined) drawChosen(painter, element, view);
   const whole = { ...view, between: EVERYWHERE }; // boxes are cut already, and sensors may stand above it
   if (state.layers.boxes) painter.boxes.forEach((box, index) => drawBox(painter, box, index === state.mismatch, whole));
+  if (state.layers.things) drawLines(painter, painter.things, whole, 1.6);
   if (state.layers.arrows) {
     gl.disable(gl.DEPTH_TEST); // they begin inside of what moved
     drawLines(painter, painter.arrows, whole, 3);
@@ -169,17 +171,20 @@ function drawPoints({ gl, programs, robot, prior }, state, view) {
   gl.uniformMatrix4fv(at.matrix, false, view.matrix);
   gl.uniform2fv(at.between, view.between);
   gl.uniform1f(at.diameter, (POINT_WIDTH * gl.canvas.height) / (2 * Math.tan(FIELD / 2)));
-  gl.uniform2f(at.sizes, 1.8 * view.ratio, 9 * view.ratio);
+  const { step } = DETAILS[view.detail];
+  const wider = step ** 0.25; // fewer points cover a little more each
+  gl.uniform2f(at.sizes, 1.8 * view.ratio * wider, 9 * view.ratio * wider);
   gl.uniform3fv(at.palette, Object.values(EVIDENCE).flatMap(rgb));
   const ranges = (item, mode, ramp, round, parts) => {
-    gl.bindVertexArray(item.reader);
+    gl.bindVertexArray(item.readers[view.detail]);
     gl.uniform1i(at.mode, mode);
     gl.uniform3fv(at.calm, rgb(ramp[0]));
     gl.uniform3fv(at.hot, rgb(ramp[1]));
     gl.uniform1i(at.round_, round);
     for (const [first, last, tint] of parts) {
       gl.uniform3fv(at.plain, rgb(tint));
-      if (last > first) gl.drawArrays(gl.POINTS, first, last - first);
+      const [start, end] = [Math.ceil(first / step), Math.floor(last / step)];
+      if (end > start) gl.drawArrays(gl.POINTS, start, end - start);
     }
   };
   const mode = MODES.indexOf(state.mode);
@@ -203,7 +208,7 @@ function drawTriangles({ gl, programs }, item, view, { instead = [0, 0, 0, 0], h
   if (end > first) gl.drawArrays(gl.TRIANGLES, first, end - first);
 }
 
-function drawLines({ gl, programs }, item, view, width, { instead = [0, 0, 0, 0], fade = 1, reader, count } = {}) {
+function drawLines({ gl, programs, nothing }, item, view, width, { instead = [0, 0, 0, 0], fade = 1, part } = {}) {
   const { program, at } = programs.lines;
   gl.useProgram(program);
   gl.uniformMatrix4fv(at.matrix, false, view.matrix);
@@ -212,22 +217,21 @@ function drawLines({ gl, programs }, item, view, width, { instead = [0, 0, 0, 0]
   gl.uniform1f(at.width, width * view.ratio);
   gl.uniform4fv(at.instead, instead);
   gl.uniform1f(at.fade, fade);
-  gl.bindVertexArray(reader ?? item.reader);
-  if (count ?? item.count) gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count ?? item.count);
+  gl.bindTexture(gl.TEXTURE_2D, item.texture);
+  gl.bindVertexArray(nothing);
+  const [first, end] = part ?? [0, item.count];
+  if (end > first) gl.drawArrays(gl.TRIANGLES, 6 * first, 6 * (end - first));
 }
 
 /** The chosen element: filled, and outlined in ink also where points stand before it. */
 function drawChosen(painter, element, view) {
   const { gl } = painter;
   const part = [3 * arrays.first[element], 3 * arrays.first[element + 1]];
-  drawTriangles(painter, painter.surface, view, { instead: [...rgb(lookOf(data.guid[element]).tint), 0.42], part });
-  const [first, last] = [painter.edgeStarts[element], painter.edgeStarts[element + 1]];
-  if (last === first) return;
-  const reader = painter.edges.read(first);
+  drawTriangles(painter, painter.surface, view, { instead: [...rgb(lookOf(data.key[element]).tint), 0.42], part });
+  const outline = [painter.edgeStarts[element], painter.edgeStarts[element + 1]];
   gl.disable(gl.DEPTH_TEST);
-  drawLines(painter, painter.edges, view, 2.4, { instead: [...rgb(INK), 1], reader, count: last - first });
+  drawLines(painter, painter.edges, view, 2.4, { instead: [...rgb(ink()), 1], part: outline });
   gl.enable(gl.DEPTH_TEST);
-  gl.deleteVertexArray(reader);
 }
 
 function drawBox(painter, box, chosen, view) {

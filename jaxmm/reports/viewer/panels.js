@@ -1,22 +1,23 @@
 // The words around the 3D view: what is chosen, the mismatches, the legend, what words mean, and the details.
 
+const MOST_THINGS = 30; // that are not in the model, listed; unexplained.csv has all
 const MOST_DISPLACED = 100; // listed beside the view; the table has all
 
 /** The panel of the chosen element or mismatch; empty when nothing is chosen. */
 function showChosen(state, actions) {
   const panel = byId("chosen");
   panel.replaceChildren();
-  if (state.guid === null && state.mismatch < 0) return;
-  const title = state.mismatch >= 0 ? `Mismatch ${mismatchName(state.mismatch)}` : elementName(state.guid);
+  if (state.key === null && state.mismatch < 0) return;
+  const title = state.mismatch >= 0 ? `Mismatch ${mismatchName(state.mismatch)}` : elementName(state.key);
   const close = make("button", { click: () => actions.clear(), "aria-label": "Close" }, "×");
   panel.append(make("div", { class: "head" }, make("h2", {}, title), close));
   if (state.mismatch >= 0) panel.append(mismatchPairs(state.mismatch, actions));
-  if (state.guid !== null) panel.append(...elementNodes(state.guid, state.mismatch >= 0));
+  if (state.key !== null) panel.append(...elementNodes(state.key, state.mismatch >= 0));
   panel.append(make("button", { click: () => actions.look() }, "Look at it"));
 }
 
-function elementName(guid) {
-  const one = verdictOfGuid.get(guid);
+function elementName(key) {
+  const one = verdictOfKey.get(key);
   return one?.name || one?.ifc_class || "Element";
 }
 
@@ -30,23 +31,25 @@ function mismatchPairs(index, actions) {
     ["centre", metres(one.center)],
     ["size", sizes(one)],
     ["", one.measured.every(Boolean) ? null : data.words.assumed],
-    ["turned", one.rotation ? `${one.rotation.toFixed(1)}°` : null],
+    ["turned", one.rotation ? turnWords(one.rotation, 1) : null],
     ["footprint", one.object_type === "pillar" ? one.shape : null],
     ["observable", one.observable_fraction === null ? null : `${Math.round(100 * one.observable_fraction)} %`],
     ["moved from", source === null ? null : origin()],
   ]);
 }
 
-function elementNodes(guid, named) {
-  const one = verdictOfGuid.get(guid);
-  const id = make("code", {}, guid);
-  const element = indexOfGuid.get(guid);
+function elementNodes(key, named) {
+  const one = verdictOfKey.get(key);
+  const id = make("code", {}, one ? one.guid : key);
+  const element = indexOfKey.get(key);
   const drawn = element !== undefined && arrays.first[element + 1] > arrays.first[element];
   const surface = drawn ? null : "not in this view";
   if (!one) return [pairs([["GlobalId", id], ["verdict", "none was asked for"], ["surface", surface]])];
   const rows = pairs([
     ["element", named ? one.name || null : null],
     ["GlobalId", id],
+    ["file", one.file || null],
+    ["same as", one.same_as.length ? one.same_as.map((other) => `${other.guid} of ${other.file}`).join(", ") : null],
     ["class", one.ifc_class || null],
     ["storey", one.storey || null],
     ["surface", surface],
@@ -60,18 +63,19 @@ function elementNodes(guid, named) {
 
 /** How far off its place an element stands; nothing of one that was not measured. */
 function offsetNodes(one) {
-  const [told, off] = [one.deviation, offOfGuid.get(one.guid)];
+  const [told, off] = [one.deviation, offOfKey.get(one.key)];
   if (!told || !off) return [];
-  const inMillimetres = (value) => (1000 * value).toFixed(off.half < 0.0005 ? 1 : 0);
+  const inMillimetres = (value) => fixed(1000 * value, off.half < 0.0005 ? 1 : 0);
   const axes = ["x", "y", "z"].map((name, axis) => {
     const span = told.interval[axis];
     if (span === null) return [name, "nothing that was seen fixes it"];
     return [name, `${inMillimetres(told.offset[axis])} mm (${span.map(inMillimetres).join(" to ")})`];
   });
-  const angle = (value) => (value === null ? null : `${value.toFixed(2)}°`);
   return [
     pairs([
-      ["off its place", off.words], ...axes, ["turned", angle(told.turn)], ["leans", angle(told.lean)],
+      ["off its place", off.words], ...axes,
+      ["turned", told.turn === null ? null : turnWords(told.turn, 2)],
+      ["leans", told.lean === null ? null : `${told.lean.toFixed(2)}°`],
       ["flatness", told.flatness === null ? null : `${(1000 * told.flatness).toFixed(1)} mm`],
       ["classes", `${told.classes.loa}, DIN 18202: ${told.classes.din18202}`],
       ["told by", plural(told.rays, "ray")],
@@ -108,7 +112,7 @@ function showMismatches(state, actions) {
     const look = `${one.mismatch_type}${index === state.mismatch ? " chosen" : ""}`;
     const click = () => { actions.chooseMismatch(index); actions.look(); };
     const button = make("button", { class: look, click, "aria-pressed": String(index === state.mismatch) },
-      `${index + 1}. ${report.sentences[index]}`, make("small", {}, `probability ${chance(one.probability)}${seen}`));
+      `${index + 1}. ${mismatchWords(one)}`, make("small", {}, `probability ${chance(one.probability)}${seen}`));
     return make("li", {}, button);
   });
   byId("mismatches").replaceChildren(...(rows.length ? rows : [make("li", {}, "No mismatch was found.")]));
@@ -118,15 +122,28 @@ function showMismatches(state, actions) {
 function showDisplaced(state, actions) {
   byId("displaced").hidden = !displacedElements.length;
   const rows = displacedElements.slice(0, MOST_DISPLACED).map((one) => {
-    const chosen = one.guid === state.guid;
-    const click = () => { actions.choose(one.guid); actions.look(); };
+    const chosen = one.key === state.key;
+    const click = () => { actions.choose(one.key); actions.look(); };
     const look = { class: `displaced${chosen ? " chosen" : ""}`, click, "aria-pressed": String(chosen) };
-    return make("li", {}, make("button", look, offOfGuid.get(one.guid).sentence));
+    return make("li", {}, make("button", look, offOfKey.get(one.key).sentence));
   });
   byId("displaced-list").replaceChildren(...rows);
   const left = displacedElements.length - rows.length;
   const more = left > 0 ? `And ${count(left)} more, in the table. ` : "";
   byId("displaced-words").textContent = more + data.words.north;
+}
+
+/** What is not in the model, and neither a wall nor a column: where it is, how large, and by how many points. */
+function showUnexplained() {
+  byId("unexplained").hidden = !report.unexplained.length;
+  byId("unexplained-words").textContent = data.words.unexplained;
+  const rows = report.unexplained.slice(0, MOST_THINGS).map((one) => {
+    const size = one.dimensions.map((edge) => edge.toFixed(2)).join(" x ");
+    const place = one.center.map((value) => value.toFixed(2)).join(", ");
+    return make("li", {}, `${size} m at ${place}, ${count(one.points)} points`);
+  });
+  const left = report.unexplained.length - rows.length;
+  byId("unexplained-list").replaceChildren(...rows, ...(left > 0 ? [make("li", {}, `and ${count(left)} more`)] : []));
 }
 
 /** What the colours of the view mean, for the colouring that is chosen. */

@@ -61,26 +61,26 @@ function throughMismatch({ from, along }, mismatch, cut) {
   return met ? met[0] : Infinity;
 }
 
-/** All that a ray meets, as {guid, mismatch}: first the mismatches, for the page is about them, then by distance. */
+/** All that a ray meets, as {key, mismatch}: first the mismatches, for the page is about them, then by distance. */
 function metBy(ray, state, bounds, between) {
   const met = [];
   if (state.layers.boxes) {
     report.mismatches.forEach((one, mismatch) => {
-      met.push({ far: throughMismatch(ray, one, between[1]), rank: 0, guid: one.element, mismatch });
+      met.push({ far: throughMismatch(ray, one, between[1]), rank: 0, key: data.mismatch_key[mismatch], mismatch });
     });
   }
   if (state.layers.surface) {
-    data.guid.forEach((guid, element) => {
+    data.key.forEach((key, element) => {
       const far = throughElement(ray, element, bounds, between);
-      met.push({ far, rank: 1, guid, mismatch: mismatchOfGuid.get(guid) ?? -1 });
+      met.push({ far, rank: 1, key, mismatch: mismatchOfKey.get(key) ?? -1 });
     });
   }
   const seen = new Set();
   return met
     .filter((one) => Number.isFinite(one.far))
     .sort((a, b) => a.rank - b.rank || a.far - b.far)
-    .filter(({ mismatch, guid }) => {
-      const key = mismatch >= 0 ? mismatch : guid;
-      return seen.has(key) ? false : seen.add(key);
+    .filter(({ mismatch, key }) => {
+      const same = mismatch >= 0 ? mismatch : key;
+      return seen.has(same) ? false : seen.add(same);
     });
 }

@@ -3,39 +3,37 @@
 const SURFACE_SHADERS = [
   `#version 300 es
 in vec3 place;
-in vec4 tint;
+in vec4 tint; // with its light
 uniform mat4 matrix;
 uniform vec4 instead; // drawn instead of the tint where its opacity is above 0
-out vec3 at;
-out vec4 ink;
+out float height;
+flat out vec4 ink;
 void main() {
-  at = place;
+  height = place.z;
   ink = instead.a > 0.0 ? instead : tint;
   gl_Position = matrix * vec4(place, 1.0);
 }`,
   `#version 300 es
 precision highp float;
-in vec3 at;
-in vec4 ink;
+in float height;
+flat in vec4 ink;
 uniform vec2 between;
 uniform float hatch; // [pixel] between stripes; 0 for none
 out vec4 color;
 void main() {
-  if (at.z < between.x || at.z > between.y) discard;
-  vec3 normal = cross(dFdx(at), dFdy(at));
-  float light = 0.72 + 0.28 * abs(dot(normal, normalize(vec3(0.4, 0.25, 0.85)))) / max(length(normal), 1e-12);
-  float stripe = hatch > 0.0 ? step(0.6, fract((gl_FragCoord.x + gl_FragCoord.y) / hatch)) : 1.0;
-  if (stripe == 0.0) discard;
-  color = vec4(ink.rgb * light, ink.a);
+  if (height < between.x || height > between.y) discard;
+  if (hatch > 0.0 && fract((gl_FragCoord.x + gl_FragCoord.y) / hatch) < 0.6) discard;
+  color = ink;
 }`,
 ];
 
+// Six corners a line, without attributes: a software renderer takes far longer for instances.
 const LINE_SHADERS = [
   `#version 300 es
-in vec3 start;
-in vec3 end;
-in vec4 tint;
-in float dash; // [m] of dash and gap; 0 for a solid line
+#define LINES_A_ROW 1024
+precision highp float;
+precision highp usampler2D;
+uniform usampler2D lines; // two texels a line: the bits of start, end, tint, and [m] of dash and gap, 0 for a solid one
 uniform mat4 matrix;
 uniform vec2 size; // [pixel] of the canvas
 uniform float width; // [pixel]
@@ -45,20 +43,26 @@ out float gone; // [m] along the line
 out float height;
 out float period;
 void main() {
+  int line = gl_VertexID / 6, corner = gl_VertexID % 6;
+  corner = corner < 3 ? corner : corner == 3 ? 2 : corner == 4 ? 1 : 3;
+  ivec2 texel = ivec2(2 * (line % LINES_A_ROW), line / LINES_A_ROW);
+  uvec4 one = texelFetch(lines, texel, 0), two = texelFetch(lines, texel + ivec2(1, 0), 0);
+  vec3 start = uintBitsToFloat(one.xyz), end = vec3(uintBitsToFloat(one.w), uintBitsToFloat(two.xy));
+  vec4 tint = vec4(two.zzzz >> uvec4(0, 8, 16, 24) & 255u) / 255.0;
   vec4 p = matrix * vec4(start, 1.0), q = matrix * vec4(end, 1.0);
   // What lies behind the eye has no direction on the screen: cut it off.
   if (p.w < 0.01 && q.w >= 0.01) p = mix(p, q, (0.01 - p.w) / (q.w - p.w));
   if (q.w < 0.01 && p.w >= 0.01) q = mix(q, p, (0.01 - q.w) / (p.w - q.w));
   vec2 along = (q.xy / q.w - p.xy / p.w) * size;
   along = length(along) > 1e-6 ? normalize(along) : vec2(1.0, 0.0);
-  bool last = (gl_VertexID & 1) == 1;
-  float side = gl_VertexID < 2 ? -1.0 : 1.0;
+  bool last = (corner & 1) == 1;
+  float side = corner < 2 ? -1.0 : 1.0;
   gl_Position = last ? q : p;
   gl_Position.xy += side * width * vec2(-along.y, along.x) / size * gl_Position.w;
   if (p.w < 0.01 && q.w < 0.01) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
   gone = last ? distance(start, end) : 0.0;
   height = last ? end.z : start.z;
-  period = dash;
+  period = uintBitsToFloat(two.w);
   ink = instead.a > 0.0 ? vec4(instead.rgb, instead.a * tint.a) : tint;
 }`,
   `#version 300 es

@@ -13,13 +13,31 @@ function cornersOf() {
   return place;
 }
 
-/** The colour of each of those corners. */
-function tintsOf() {
+/** The colour of each of those corners `place`, in the light that falls on its triangle. */
+function tintsOf(place) {
   const tint = new Uint32Array(3 * triangleCount);
-  data.guid.forEach((guid, element) => {
-    const look = lookOf(guid);
+  data.key.forEach((key, element) => {
+    const look = lookOf(key);
     tint.fill(packed(look.tint, look.fill), 3 * arrays.first[element], 3 * arrays.first[element + 1]);
   });
+  return lit(tint, place);
+}
+
+const SUN = [0.4161, 0.26, 0.8715]; // unit vector to the light
+
+/** Colours of corners `place`, three a triangle, darkened by how its triangle lies to the light, in place. */
+function lit(tint, place) {
+  const v = place;
+  for (let i = 0, at = 0; i < tint.length; i += 3, at += 9) {
+    const [ux, uy, uz] = [v[at + 3] - v[at], v[at + 4] - v[at + 1], v[at + 5] - v[at + 2]];
+    const [wx, wy, wz] = [v[at + 6] - v[at], v[at + 7] - v[at + 1], v[at + 8] - v[at + 2]];
+    const [x, y, z] = [uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx];
+    const size = Math.sqrt(x * x + y * y + z * z) || 1;
+    const light = 0.72 + (0.28 * Math.abs(x * SUN[0] + y * SUN[1] + z * SUN[2])) / size;
+    const ink = tint[i];
+    const [red, green, blue] = [ink & 255, (ink >> 8) & 255, (ink >> 16) & 255].map((one) => Math.round(light * one));
+    tint.fill(((ink & 0xff000000) | (blue << 16) | (green << 8) | red) >>> 0, i, i + 3);
+  }
   return tint;
 }
 
@@ -98,8 +116,8 @@ function edgeLines() {
 
 /** The same edges in the colours that their elements have now. */
 function inked(edges) {
-  data.guid.forEach((guid, element) => {
-    const ink = packed(lookOf(guid).tint, verdictOfGuid.has(guid) ? 0.75 : 0.35);
+  data.key.forEach((key, element) => {
+    const ink = packed(lookOf(key).tint, verdictOfKey.has(key) ? 0.75 : 0.35);
     for (let line = edges.starts[element]; line < edges.starts[element + 1]; line++) edges.lines[LINE * line + 6] = ink;
   });
   return edges;
@@ -111,7 +129,7 @@ function planLines(bounds, z) {
   const v = arrays.vertices;
   for (let element = 0; element < elementCount; element++) {
     if (!(bounds[6 * element + 2] < z && bounds[6 * element + 5] > z)) continue;
-    const ink = packed(lookOf(data.guid[element]).tint);
+    const ink = packed(lookOf(data.key[element]).tint);
     for (let triangle = arrays.first[element]; triangle < arrays.first[element + 1]; triangle++) {
       const ends = [];
       for (let k = 0; k < 3; k++) {

@@ -6,19 +6,20 @@ const COLUMNS = [
   ["name", "name", null],
   ["class", "", (one) => one.ifc_class],
   ["storey", "", (one) => one.storey],
-  ["off [mm]", "number", (one) => offCell(offOfGuid.get(one.guid))],
+  ["off [mm]", "number", (one) => offCell(offOfKey.get(one.key))],
   ["P(removed)", "number", (one) => chance(one.probability)],
   ...Object.keys(EVIDENCE).map((name) => [name, "number", (one) => count(one.evidence[name])]),
+  ["file", "", (one) => one.file],
   ["GlobalId", "", (one) => make("code", {}, one.guid)],
 ];
 
-const offCell = (off) => (off ? (1000 * off.distance).toFixed(1) : "");
+const offCell = (off) => (off ? fixed(1000 * off.distance, 1) : "");
 
 /** What asks most for attention comes first. */
 function orderedElements() {
   const rank = Object.keys(VERDICTS);
   const off = (one) => {
-    const told = one.verdict === "displaced" && offOfGuid.get(one.guid);
+    const told = one.verdict === "displaced" && offOfKey.get(one.key);
     return told ? surelyOff(told) : 0;
   };
   const order = (a, b) =>
@@ -46,9 +47,9 @@ function tableOf(actions) {
     byId("more").replaceChildren(...(shown.length < rows.length ? [more] : []));
     mark(chosen);
   };
-  const mark = (guid) => {
-    chosen = guid;
-    for (const row of body.rows) row.classList.toggle("chosen", row.dataset.guid === guid);
+  const mark = (key) => {
+    chosen = key;
+    for (const row of body.rows) row.classList.toggle("chosen", row.dataset.key === key);
   };
   filterButtons(filter, refill);
   refill();
@@ -56,15 +57,15 @@ function tableOf(actions) {
 }
 
 function passes(one, { verdict, words }) {
-  const text = `${one.name} ${one.ifc_class} ${one.storey} ${one.guid}`.toLowerCase();
+  const text = `${one.name} ${one.ifc_class} ${one.storey} ${one.file} ${one.guid}`.toLowerCase();
   return (verdict === null || one.verdict === verdict) && text.includes(words);
 }
 
 function rowOf(one, actions) {
-  const click = () => { actions.choose(one.guid); actions.look(); };
+  const click = () => { actions.choose(one.key); actions.look(); };
   const cells = COLUMNS.map(([title, look, content]) =>
     make("td", { class: look }, content ? content(one) : make("button", {}, one.name || "(no name)")));
-  return make("tr", { "data-guid": one.guid, click }, ...cells);
+  return make("tr", { "data-key": one.key, "data-guid": one.guid, click }, ...cells);
 }
 
 function filterButtons(filter, refill) {

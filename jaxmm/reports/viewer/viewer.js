@@ -1,11 +1,11 @@
 // Joins it all: the state, the camera, the painter, the panels, and the hook window.jaxmm.
 
 const state = {
-  layers: { surface: true, prior: true, robot: true, boxes: true, arrows: true, frustum: true, ceiling: false },
+  layers: { surface: true, prior: true, robot: true, boxes: true, things: true, arrows: true, frustum: true, ceiling: false },
   mode: "probability",
   cut: data.frame.cut, // [m] above it nothing is drawn, unless the ceiling is
   hidden: new Set(), // scans
-  guid: null, // chosen element
+  key: null, // chosen element
   mismatch: -1, // chosen mismatch
 };
 const canvas = byId("canvas");
@@ -14,6 +14,9 @@ const reach = reachOf(painter?.bounds ?? []);
 let camera = overview(state.cut, aspect());
 let flight = null; // {from, to, start} while the camera moves by itself
 let waiting = false; // for the next frame
+let detail = 0; // row of DETAILS that is drawn while the camera moves: what the machine can draw in time
+let coarse = false; // whether the last picture was drawn so
+let settling = null; // timer of the whole picture that follows when the camera stands still
 let planned = null; // level [m] at which the painter cut floor plan and boxes
 let lastClick = null; // {x, y, camera, met, turn}: clicking again goes on to what lies behind
 
@@ -43,12 +46,29 @@ const drawnHeights = () => (state.layers.ceiling ? EVERYWHERE : [data.frame.unde
 function move(to) {
   flight = null;
   camera = to;
+  settle();
   redraw();
+}
+
+const [SLOW, QUICK] = [70, 15]; // [ms] of a picture: slower ones are drawn coarser while the camera moves, or finer
+const REST = 250; // [ms] after which the camera stands still
+
+/** All of it is drawn once the camera stands still. */
+function settle() {
+  window.clearTimeout(settling);
+  settling = window.setTimeout(() => { settling = null; if (coarse) redraw(); }, REST);
+}
+
+/** How long a picture of the moving camera took [ms] decides how much of the next one is drawn. */
+function adapt(took) {
+  if (took > SLOW) detail = Math.min(DETAILS.length - 1, detail + (took > 3 * SLOW ? 2 : 1));
+  else if (took < QUICK) detail = Math.max(0, detail - 1);
 }
 
 function fly(to) {
   if (window.matchMedia("(prefers-reduced-motion: reduce)").matches) return move(to);
   flight = { from: camera, to, start: performance.now() };
+  settle();
   return redraw();
 }
 
@@ -62,6 +82,7 @@ function redraw() {
       const part = Math.min(1, Math.max(0, (now - flight.start) / 450));
       camera = part === 1 ? flight.to : between(flight.from, flight.to, part * part * (3 - 2 * part));
       if (part === 1) flight = null;
+      settle();
     }
     paint();
     if (flight) redraw();
@@ -69,50 +90,57 @@ function redraw() {
 }
 
 function paint() {
-  const ratio = fitted(canvas);
+  const moving = settling !== null;
+  const shown = moving ? detail : 0;
+  coarse = shown > 0;
+  const ratio = fitted(canvas, DETAILS[shown].share);
   const between = drawnHeights();
   if (planned !== between[1]) painter.cutAt((planned = between[1]));
   const matrix = matrixOf(camera, aspect(), reach);
-  painter.draw(state, { matrix: new Float32Array(matrix), eye: axesOf(camera).eye, ratio, between });
+  painter.draw(state, { matrix: new Float32Array(matrix), eye: axesOf(camera).eye, ratio, between, detail: shown });
+  if (moving) timed(painter.gl, adapt);
   placeLabels(labels, matrix, [canvas.clientWidth, canvas.clientHeight], state.mismatch);
   showScale((2 * camera.distance * Math.tan(FIELD / 2)) / canvas.clientHeight, painter.grid.step);
 }
 
 const actions = {
-  /** Choose an element by its GlobalId, and the mismatch that it is; says whether it exists. */
-  choose(guid) {
-    const known = indexOfGuid.has(guid) || verdictOfGuid.has(guid);
-    if (known) choose(guid, mismatchOfGuid.get(guid) ?? -1);
+  /** Choose an element by its key, and the mismatch that it is; says whether it exists. */
+  choose(key) {
+    const known = indexOfKey.has(key) || verdictOfKey.has(key);
+    if (known) choose(key, mismatchOfKey.get(key) ?? -1);
     return known;
   },
   chooseMismatch(index) {
     const known = index in report.mismatches;
-    if (known) choose(report.mismatches[index].element, index);
+    if (known) choose(data.mismatch_key[index], index);
     return known;
   },
   clear: () => choose(null, -1),
   /** Let the camera fly to what is chosen. */
   look() {
-    const place = painter && placeOf(state.guid, state.mismatch, painter.bounds);
+    const place = painter && placeOf(state.key, state.mismatch, painter.bounds);
     if (!place) return;
     if (!state.layers.ceiling) place.high[2] = Math.max(place.low[2], Math.min(place.high[2], state.cut));
     fly(closeUp(camera, place, aspect()));
   },
 };
 
-function choose(guid, mismatch) {
-  Object.assign(state, { guid, mismatch });
+function choose(key, mismatch) {
+  Object.assign(state, { key, mismatch });
   if (painter) {
-    painter.proposed(verdictOfGuid.get(guid)?.next_view ?? null);
+    painter.proposed(verdictOfKey.get(key)?.next_view ?? null);
     painter.pointedAt(pointedAt());
   }
   refresh();
+  // On a small screen what is chosen is told below the view.
+  const isSmall = window.matchMedia("(max-width: 900px)").matches;
+  if (isSmall && (key !== null || mismatch >= 0)) byId("stage").scrollIntoView?.({ block: "start" });
 }
 
 /** What has an arrow: displaced elements, and the chosen one if it was measured. */
 function pointedAt() {
-  const guids = new Set(displacedElements.map((one) => one.guid));
-  return state.guid === null ? guids : guids.add(state.guid);
+  const keys = new Set(displacedElements.map((one) => one.key));
+  return state.key === null ? keys : keys.add(state.key);
 }
 
 /** Elements are coloured anew, by what `tinting` says now. */
@@ -132,7 +160,7 @@ function clicked(x, y) {
     lastClick = { x, y, camera, met: metBy(ray, state, painter.bounds, drawnHeights()), turn: 0 };
   }
   const one = lastClick.met[lastClick.turn % Math.max(1, lastClick.met.length)];
-  if (one) choose(one.guid, one.mismatch);
+  if (one) choose(one.key, one.mismatch);
   else actions.clear();
 }
 
@@ -140,8 +168,9 @@ function refresh() {
   showChosen(state, actions);
   showMismatches(state, actions);
   showDisplaced(state, actions);
+  showUnexplained();
   showLegend(state);
-  markRow(state.guid);
+  markRow(state.key);
   syncControls();
   syncTinting();
   redraw();
@@ -172,7 +201,7 @@ function openHook() {
   const hook = {
     layers,
     webgl: painter !== null,
-    select: (guid) => (guid === null ? actions.clear() : actions.choose(guid)),
+    select: (key) => (key === null ? actions.clear() : actions.choose(key)),
     selectMismatch: actions.chooseMismatch,
     tinting,
     /** Where a world position is in the window [CSS pixel]; null behind the eye. */
@@ -183,8 +212,8 @@ function openHook() {
     },
   };
   const told = {
-    selected: () => state.guid, selectedMismatch: () => (state.mismatch < 0 ? null : state.mismatch),
-    still: () => !flight && !waiting,
+    selected: () => state.key, selectedMismatch: () => (state.mismatch < 0 ? null : state.mismatch),
+    still: () => !flight && !waiting && settling === null,
   };
   for (const [name, get] of Object.entries(told)) Object.defineProperty(hook, name, { enumerable: true, get });
   Object.defineProperties(window.jaxmm, Object.getOwnPropertyDescriptors(hook));
@@ -200,5 +229,6 @@ showDetails();
 openHook();
 if (painter) painter.pointedAt(pointedAt());
 new ResizeObserver(redraw).observe(canvas);
+window.matchMedia("(prefers-color-scheme: dark)").addEventListener?.("change", retint);
 refresh();
 window.jaxmm.ready = true;

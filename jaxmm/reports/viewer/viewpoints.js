@@ -28,15 +28,15 @@ function closeUp(camera, { low, high }, aspect) {
 }
 
 /** Lowest and highest corner of a mismatch, or else of an element with the view proposed for it; null without place. */
-function placeOf(guid, mismatch, bounds) {
+function placeOf(key, mismatch, bounds) {
   const rows = [];
-  const element = indexOfGuid.get(guid);
+  const element = indexOfKey.get(key);
   if (mismatch >= 0) {
     const one = report.mismatches[mismatch];
     for (const z of heights(one)) rows.push(...footprint(one).map(([x, y]) => [x, y, z]));
   } else if (element !== undefined && Number.isFinite(bounds[6 * element])) {
     rows.push(bounds.subarray(6 * element, 6 * element + 3), bounds.subarray(6 * element + 3, 6 * element + 6));
-    const proposed = verdictOfGuid.get(guid)?.next_view;
+    const proposed = verdictOfKey.get(key)?.next_view;
     if (proposed) rows.push(offsetOf(proposed));
   }
   const ends = (pick) => [0, 1, 2].map((axis) => pick(...rows.map((row) => row[axis])));

@@ -13,17 +13,23 @@ function make(tag, { click = null, ...attributes } = {}, ...children) {
 
 const byId = (id) => document.getElementById(id);
 const count = (value) => value.toLocaleString("en-US");
+/** A number with fixed digits, and no sign before zero. */
+const fixed = (value, digits) => (Number(value.toFixed(digits)) === 0 ? 0 : value).toFixed(digits);
+/** An angle about the vertical, counter-clockwise positive: "77.0° clockwise". */
+const turnWords = (angle, digits) => `${fixed(Math.abs(angle), digits)}°${
+  Number(angle.toFixed(digits)) === 0 ? "" : angle > 0 ? " counter-clockwise" : " clockwise"}`;
 const plural = (value, word) => `${count(value)} ${word}${value === 1 ? "" : "s"}`;
 /** The dimensions of a mismatch, those that are assumed behind a tilde. */
 const sizes = (one) =>
-  `${one.dimensions.map((size, axis) => `${one.measured[axis] ? "" : data.words.tilde}${size.toFixed(2)}`).join("  ")} m`;
+  `${one.dimensions.map((size, axis) => `${one.measured[axis] ? "" : data.words.tilde}${size.toFixed(2)}`).join(" × ")} m`;
 /** Both types and their probabilities, where what is seen of a mismatch leaves open which it is; else a gap. */
 function typeWords(one) {
   if (one.type_probability === null || one.type_probability >= data.words.sure_of_type) return null;
   const other = one.object_type === "wall" ? "pillar" : "wall";
   return `${one.object_type} ${chance(one.type_probability)}, ${other} ${chance(1 - one.type_probability)}`;
 }
-const metres = (values) => `${values.map((value) => value.toFixed(2)).join("  ")} m`;
+/** A place: "x 1.20, y -0.35, z 0.00 m". */
+const metres = (values) => `${values.map((value, axis) => `${"xyz"[axis]} ${fixed(value, 2)}`).join(", ")} m`;
 /** A measured offset, without sign: "23 mm". */
 const millimetres = (one) => `${(1000 * Math.abs(one.distance)).toFixed(one.half < 0.0005 ? 1 : 0)} mm`;
 const capital = (word) => word.charAt(0).toUpperCase() + word.slice(1);
@@ -37,8 +43,12 @@ function chance(value) {
 }
 
 function poseWords([x, y, z, yaw, pitch]) {
-  return `${metres([x, y, z])}, yaw ${yaw.toFixed(1)}°, pitch ${pitch.toFixed(1)}°`;
+  return `${metres([x, y, z])}, yaw ${fixed(yaw, 1)}°, pitch ${fixed(pitch, 1)}°`;
 }
+
+/** A mismatch in one line: "Removed wall at x 1.41, y 2.50, z 0.00 m; 1.72 × 0.19 × 3.00 m". */
+const mismatchWords = (one) =>
+  `${capital(one.mismatch_type)} ${one.object_type} at ${metres(one.center)}; ${sizes(one)}`;
 
 const mismatchName = (index) => {
   const { mismatch_type: change, object_type: kind } = report.mismatches[index];

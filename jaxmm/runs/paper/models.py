@@ -18,7 +18,7 @@ from jaxmm.files import REMEDY, write_json
 from jaxmm.inputs import InputError
 from jaxmm.learning import model_files
 from jaxmm.learning.joint_training import Entry, Joint
-from jaxmm.learning.train_step import Model
+from jaxmm.learning.model import Model
 from jaxmm.runs.paper.rows import TRAININGS, Training, needed_models
 from jaxmm.runs.stages import Stage, key_of, open_stage, stage_folder
 from jaxmm.runs.training_stage import fitted, training_clouds

@@ -24,8 +24,8 @@ from jaxmm.files import load_arrays, load_json, write_arrays, write_json
 from jaxmm.learning import model_files
 from jaxmm.learning.batches import LabelledCloud, features_of
 from jaxmm.learning.joint_training import Entry, Joint
+from jaxmm.learning.model import Model
 from jaxmm.learning.room_scores import CONTROL, predict, score_room
-from jaxmm.learning.train_step import Model
 from jaxmm.progress import bar_of, progress
 from jaxmm.rays.evidence import FEATURES
 from jaxmm.rays.rule import RULE, rule_scores

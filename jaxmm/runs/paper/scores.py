@@ -18,8 +18,8 @@ from jaxmm.files import load_json, write_arrays, write_json
 from jaxmm.inputs import InputError
 from jaxmm.learning import model_files
 from jaxmm.learning.batches import LabelledCloud, features_of
-from jaxmm.learning.room_scores import CONTROL, pick_model, predict, score_room
-from jaxmm.learning.train_step import Model
+from jaxmm.learning.model import Model, pick_model
+from jaxmm.learning.room_scores import CONTROL, predict, score_room
 from jaxmm.progress import progress
 from jaxmm.rays.rule import RULE, rule_scores
 from jaxmm.runs.paper.models import WORDS, as_settings

@@ -21,8 +21,8 @@ from jaxmm.learning import model_files
 from jaxmm.learning.joint_training import Entry, Joint
 from jaxmm.learning.labels import labels_by_element
 from jaxmm.learning.metrics import METRICS
+from jaxmm.learning.model import Model
 from jaxmm.learning.room_scores import CONTROL
-from jaxmm.learning.train_step import Model
 from jaxmm.progress import progress
 from jaxmm.rays.rule import RULE
 from jaxmm.runs.paper.models import WORDS, as_settings, load_networks

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from jaxmm.runs.room_scans import RoomCase, room_cases
 from warp_scanner.clouds.points import points_of
 from warp_scanner.clouds.voxels import thin_clouds
-from warp_scanner.scenes.building import Triangles, join
+from warp_scanner.scenes.building import Triangles
+from warp_scanner.scenes.building_edits import join
 from warp_scanner.scenes.scenes import OTHER
 from warp_scanner.sensors.imperfections import imperfect
 from warp_scanner.sensors.poses import Pose, rotation_of

@@ -1,0 +1,1 @@
+"""Other programs, asked what they read in the files that jaxmm writes."""

@@ -1,1 +1,0 @@
-"""What benchmarks make to run on, where no file will do."""

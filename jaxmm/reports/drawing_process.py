@@ -1,0 +1,111 @@
+"""What is drawn of a detection, by a process beside the one that detects and writes all else.
+
+It loads Matplotlib while scans are read and compared, and draws while tables and models are written. Where a process
+cannot be split (no fork; JAX, or threads, are there already), everything is drawn in its place, to the same bytes.
+"""
+
+import contextlib
+import functools
+import multiprocessing
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from jaxmm.verdicts.results import Detection
+
+_waiting: list[Connection] = []  # to the process that waits for something to draw
+
+
+@contextlib.contextmanager
+def drawing_beside() -> Iterator[None]:
+    """Within, `drawing` finds a process that is ready."""
+    process = None
+    if _can_split():
+        near, far = multiprocessing.Pipe()
+        process = multiprocessing.get_context("fork").Process(target=_wait, args=(far, near), daemon=True)
+        process.start()
+        far.close()
+        _waiting.append(near)
+    try:
+        yield
+    finally:
+        if process is not None:
+            if near in _waiting:
+                _waiting.remove(near)
+            near.close()  # which ends the process, too
+            process.join()
+
+
+@contextlib.contextmanager
+def drawing(folder: Path, detection: Detection) -> Iterator[Callable[..., None]]:
+    """Draw the figures into an existing folder while what is within goes on; done, or told to have failed, at its end.
+
+    Gives what writes mismatches.bcf, whose topics have pictures, there, too; its arguments are those of `write_bcf`
+    from the project on.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    if not _waiting:
+        _figures(folder, detection)
+        yield functools.partial(_topics, folder, detection)
+        return
+    near = _waiting.pop()
+
+    def send(what: Any) -> None:
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # why it ended is asked below
+            near.send(what)
+
+    send((folder, detection))
+    try:
+        yield lambda *words, **named: send((words, named))
+    finally:  # whatever went wrong within: nobody may still write into the folder afterwards
+        send(None)
+        try:
+            error = near.recv()
+        except (EOFError, ConnectionResetError):
+            error = OSError(None, "the process that draws was ended", str(folder))
+    if error is not None:
+        raise error
+
+
+def _figures(folder: Path, detection: Detection) -> None:
+    from jaxmm.reports.detection_figures import write_figures  # Matplotlib takes half a second to load
+
+    write_figures(folder, detection)
+
+
+def _topics(folder: Path, detection: Detection, *words: Any, **named: Any) -> None:
+    from jaxmm.reports.bcf import write_bcf
+
+    write_bcf(folder / "mismatches.bcf", detection, *words, **named)
+
+
+def _can_split() -> bool:
+    return sys.platform == "linux" and "jax" not in sys.modules and threading.active_count() == 1
+
+
+def _wait(far: Connection, near: Connection) -> None:
+    """The other side: loads what it takes to draw, and draws once."""
+    near.close()  # with its last holder gone, waiting ends
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal; the process that detects ends this one
+    import jaxmm.reports.bcf
+    import jaxmm.reports.detection_figures  # noqa: F401
+
+    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        folder, detection = far.recv()
+        try:
+            _figures(folder, detection)
+            while (asked := far.recv()) is not None:
+                words, named = asked
+                _topics(folder, detection, *words, **named)
+        except EOFError:
+            raise
+        except Exception as error:  # told on the other side, whatever it is
+            far.send(error)
+        else:
+            far.send(None)

@@ -1,0 +1,72 @@
+"""Drawing beside gives what drawing in place gives, tells what goes wrong, and leaves no process behind."""
+
+import subprocess
+import sys
+
+import pytest
+
+from jaxmm.reports import drawing_process
+from tests.test_imports import ROOT
+
+# In a process of its own: this one may hold JAX, and threads.
+BESIDE = """
+import os, sys
+from pathlib import Path
+from jaxmm.reports import drawing_process
+
+def draw(folder, detection, project):
+    if detection == "fails":
+        raise OSError(28, "No space left on device", str(folder))
+    if detection == "dies":
+        os._exit(3)
+    (folder / "drawn").write_text(f"{os.getpid()} {detection} {project}")
+
+drawing_process.draw = draw
+folder = Path(sys.argv[1])
+with drawing_process.drawing_beside():
+    try:
+        with drawing_process.drawing(folder, sys.argv[2], "house"):
+            if sys.argv[2] == "interrupted":
+                raise OSError(4, "Interrupted")
+    except OSError as error:
+        print("error", error.errno, error.strerror)
+    else:
+        number, *words = (folder / "drawn").read_text().split()
+        print(int(number) != os.getpid(), *words)
+with drawing_process.drawing_beside():
+    pass
+with drawing_process.drawing(folder, "in place", "house"):
+    pass
+print((folder / "drawn").read_text().split()[0] == str(os.getpid()), drawing_process._waiting)
+print(os.path.exists(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
+      and Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere everything is drawn in place")
+@pytest.mark.parametrize(
+    "asked, expected",
+    [
+        ("detection", "True detection house"),
+        ("fails", "error 28 No space left on device"),
+        ("interrupted", "error 4 Interrupted"),
+        ("dies", "error None the process that draws was ended"),
+    ],
+)
+def test_what_is_drawn_beside_is_there_and_what_fails_is_told(tmp_path, asked, expected):
+    done = subprocess.run(
+        [sys.executable, "-c", BESIDE, str(tmp_path), asked], cwd=ROOT, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    first, second, children = done.stdout.splitlines() + [""] * (3 - len(done.stdout.splitlines()))
+    assert first == expected and second == "True []"
+    assert children.strip() in ("", "False")
+
+
+def test_with_other_threads_about_everything_is_drawn_in_place(tmp_path, monkeypatch):
+    monkeypatch.setattr(drawing_process, "_can_split", lambda: False)
+    drawn = []
+    monkeypatch.setattr(drawing_process, "draw", lambda *words: drawn.append(words))
+    with drawing_process.drawing_beside():
+        with drawing_process.drawing(tmp_path, "detection", "house"):
+            assert drawn == [(tmp_path, "detection", "house")]

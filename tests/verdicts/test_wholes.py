@@ -1,0 +1,64 @@
+"""Wholes by their parts, and elements of any class by the rays that nothing else explains."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from jaxmm.classes.telling_rays import Telling
+from jaxmm.verdicts.verdicts import (
+    DISPLACED,
+    OCCLUDED,
+    PRESENT,
+    REMOVED,
+    UNSCANNED,
+    VERDICTS,
+    Verdict,
+    VerdictSettings,
+    retold,
+)
+from jaxmm.verdicts.wholes import of_parts
+
+PROBABILITY = {PRESENT: 0.1, DISPLACED: 0.05, REMOVED: 0.9, OCCLUDED: 0.02, UNSCANNED: 0.02}
+
+
+def verdict(name):
+    return Verdict(name, PROBABILITY[name], 3, (5, 6, 7, 8))
+
+
+def test_a_whole_is_gone_only_if_all_parts_that_tell_are():
+    for names in itertools.chain.from_iterable(itertools.product(VERDICTS, repeat=count) for count in (1, 2, 3)):
+        whole = of_parts([verdict(name) for name in names], 0.02)
+        tell = set(names) & {PRESENT, DISPLACED, REMOVED}
+        assert (whole.verdict == REMOVED) == (tell == {REMOVED}), names
+        assert (whole.verdict == PRESENT) == bool(tell - {REMOVED})
+        assert (whole.verdict == UNSCANNED) == (set(names) == {UNSCANNED})
+        assert (whole.probability >= 0.5) == (whole.verdict == REMOVED)
+        assert whole.points == 3 * len(names) and whole.rays == tuple(n * len(names) for n in (5, 6, 7, 8))
+
+
+@pytest.mark.parametrize(
+    "before, through, support, glass, after",
+    [
+        pytest.param(REMOVED, 100, 0, 0, REMOVED, id="gone"),
+        pytest.param(PRESENT, 100, 2, 0, REMOVED, id="the networks missed it"),
+        pytest.param(REMOVED, 2, 100, 0, PRESENT, id="it stands"),
+        pytest.param(REMOVED, 65, 35, 0, OCCLUDED, id="nobody knows"),
+        pytest.param(PRESENT, 65, 35, 0, PRESENT, id="it stands in part"),
+        pytest.param(REMOVED, 3, 0, 900, OCCLUDED, id="rays pass glass"),
+        pytest.param(PRESENT, 0, 3, 900, PRESENT, id="present through glass"),
+        pytest.param(REMOVED, 3, 0, 0, REMOVED, id="the networks alone"),
+        pytest.param(OCCLUDED, 100, 0, 0, OCCLUDED, id="too little of it"),
+        pytest.param(DISPLACED, 100, 0, 0, DISPLACED, id="off its place"),
+        pytest.param(UNSCANNED, 100, 0, 0, UNSCANNED, id="out of reach"),
+    ],
+)
+def test_rays_that_nothing_else_explains_decide(before, through, support, glass, after):
+    some, rest = (
+        [Telling(*(np.array([part(value), 0]) for value in (through, support, glass)))]
+        for part in (lambda value: value // 3, lambda value: value - value // 3)
+    )
+    found = retold([verdict(before)] * 2, some + rest, VerdictSettings())  # of two scans
+    assert found[0].verdict == after and found[1] == verdict(before)
+    assert (found[0].probability >= 0.5) == (after == REMOVED)
+    assert (found[0].probability == 0.02) == (after in (OCCLUDED, UNSCANNED))
