@@ -145,7 +145,7 @@ def _read_table(path: Path, count: int) -> np.ndarray:
     if not path.is_file():
         raise InputError(f"{path}: expected a file that jaxmm benchmark export wrote, found none")
     with open(path, "rb") as file:
-        elements, order = read_header(path, file)
+        elements, order, *_ = read_header(path, file)
         (vertex, *others), begin = elements, file.tell()
         kind = np.dtype([(one.name, one.kind) for one in vertex.properties])
         whole = begin + count * kind.itemsize == path.stat().st_size
