@@ -76,6 +76,8 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.sensors --out runs/sensors
 	$(BIN)/python -m benchmarks.clouds --out runs/clouds
 	$(BIN)/python -m benchmarks.rivals --out runs/rivals.json
+	$(BIN)/python -m benchmarks.dynamic_maps --out runs/dynamic_maps.json
+	$(BIN)/python -m benchmarks.rows --out runs/rows
 	$(BIN)/python -m benchmarks.large_scans
 	$(BIN)/python -m benchmarks.clients --out runs/clients.json
 ifneq ($(wildcard $(JAXMM_DATA)/ifc),)

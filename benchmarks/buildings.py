@@ -30,12 +30,12 @@ import numpy as np
 from benchmarks.command_line import CommandLine
 from benchmarks.lookalikes import lookalikes, sections_of, view_of
 from benchmarks.views.building_views import ifc_files, made_building
-from benchmarks.views.detection_scores import LEAST_SHOWN
 from jaxmm.config import SCENARIOS
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
 from jaxmm.learning.box_match import match_boxes
 from jaxmm.learning.boxes import Box
+from jaxmm.learning.object_scores import LEAST_SHOWN
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.reports.report_json import to_json

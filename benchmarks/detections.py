@@ -18,24 +18,23 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command_line import CommandLine
-from benchmarks.views.detection_scores import COUNTS, LEAST_SHOWN, objects_of, share_of
+from benchmarks.views.detection_scores import COUNTS, objects_of, share_of
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, UNCHANGED
 from jaxmm.files import load_json, write_json
+from jaxmm.learning.object_scores import LEAST_SHOWN
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.objects.finder import ObjectSettings
 from jaxmm.runs.room_scans import RoomCase, room_cases
+from jaxmm.runs.room_truth import true_verdicts
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.results import Detection
 from jaxmm.verdicts.settings import PRESETS as HOW
 from jaxmm.verdicts.settings import DetectSettings
-from jaxmm.verdicts.standing_alone import APART
-from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VERDICTS, VerdictSettings, is_enough
+from jaxmm.verdicts.verdicts import PRESENT, REMOVED, VERDICTS
 from jaxmm.weights import DEFAULT
 from warp_scanner.cores import worker_pool
 from warp_scanner.rooms.pairs import PRESETS
-from warp_scanner.sensors.scan import Rays
-from warp_scanner.sensors.triangles import cast_triangles
 
 TEST_SEED = 3  # of configs/weights.toml: neither training nor any choice has seen its rooms
 FULL = {"rooms": 200, "only": [], "conditions": CONDITIONS, "presets": list(HOW)}
@@ -83,39 +82,13 @@ def _room(judges: Judges, case: RoomCase, presets: list[str]) -> dict[str, Any]:
 
 
 def elements_of(found: Detection, case: RoomCase) -> list[tuple[tuple[str, str, float], str]]:
-    """Truth, verdict and probability of every wall and column, with its guid.
-
-    True verdicts count rays as the simulator knows them, with the limits of VerdictSettings: in the whole model, and of
-    what these leave open in the model without all else that is gone.
-    """
-    pairs, row, limits, told = case.pairs, case.row, VerdictSettings(), []
-    gone = set(pairs.box.element[row, pairs.box.change[row] < 0].tolist())
-    said = {one.guid: one for one in found.elements}
-    rest, robot = _without(case, gone), pairs.robot.distance[row]
-    for number, guid in zip(case.ids.tolist(), case.prior.building.elements.guid, strict=True):
-        if guid not in said:
-            continue
-        truth, whole = REMOVED if number in gone else PRESENT, pairs.dt.element[row] == number
-        if number in gone:
-            past, reach = _without(case, gone - {number})
-            tells, tells_past = pairs.testable_dt[row], np.isfinite(robot) & (robot > reach + APART)
-        else:
-            past, tells = rest[0], pairs.robot.element[row] == number
-            tells_past = tells
-        views = (whole, tells), (past == number, tells_past)
-        if not any(is_enough(np.sum(meant & by), np.sum(meant), limits) for meant, by in views):
-            truth = OCCLUDED if whole.any() or np.any(past == number) else UNSCANNED
-        told.append(((truth, said[guid].verdict, round(said[guid].probability, 6)), guid))
-    return told
-
-
-def _without(case: RoomCase, gone: set[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Which element (P,) each ray of a room's scan meets in its model without some, -1 for none, and its range [m]."""
-    scan = case.scan
-    rays = Rays(scan.position[None], (case.pairs.directions @ scan.rotation.T).astype(np.float32))
-    met = cast_triangles(case.prior.scene, rays, ~np.isin(case.ids, sorted(gone)))
-    within = (met.element[0] >= 0) & (met.distance[0] <= scan.sensor.range_limits[1])
-    return np.where(within, case.ids[met.element[0]], -1), met.distance[0]
+    """Truth (`room_truth.true_verdicts`), verdict and probability of every wall and column, with its guid."""
+    said, guids = {one.guid: one for one in found.elements}, case.prior.building.elements.guid
+    asked = [row for row, guid in enumerate(guids) if guid in said]
+    truth = true_verdicts(case, asked)
+    return [
+        ((truth[row], said[guids[row]].verdict, round(said[guids[row]].probability, 6)), guids[row]) for row in asked
+    ]
 
 
 def table(out: Path) -> str:

@@ -10,8 +10,13 @@ Rivals, each told from where the scan was taken, and given the points of every e
 - *M3C2* (Lague et al. 2013, by py4dgeo): the median distance along the normal, cylinders of 0.2 m; no point in a
   cylinder counts as the farthest.
 
-Each rival's threshold is chosen for the best F1 on validation rooms, which is more than its user can do; `detect` keeps
-its own. Scored are elements that reality shows to be there or gone, in rooms with one removed wall or pillar, and
+The threshold of these is chosen for the best F1 on validation rooms, which is more than their user can do. Tools for
+construction sites call an element installed by limits that are set beforehand, and `detect` keeps its own, too:
+
+- *installed by coverage*: at least half of its points have the scan within 0.05 m, which is to say that their median
+  distance is within it.
+
+Scored are elements that reality shows to be there or gone, in rooms with one removed wall or pillar, and
 beside them how many of those that nobody can see it calls removed. Needs py4dgeo (make setup-peers).
 """
 
@@ -43,6 +48,7 @@ COVERED = 0.1  # [m]
 CYLINDER, DEPTH = 0.2, 1.0  # [m] radius and half length of M3C2's cylinders
 FARTHEST = 2.0  # [m] distance of what has no counterpart
 RIVALS = ("cloud to mesh", "coverage", "M3C2")
+INSTALLED, TOLERANCE = "installed by coverage", 0.05  # [m]
 # Rooms of each removed object, and of validation at least.
 FULL = {"rooms": 100, "least": 20, "conditions": ("clean", "occluded")}
 SMOKE = {"rooms": 1, "least": 1, "conditions": ("occluded",)}
@@ -59,8 +65,8 @@ def main(asked: Namespace) -> None:
         chosen = _scored(condition, VALIDATION_SEED, max(asked.least, asked.rooms // 2), (judges, rivals))
         tested = _scored(condition, TEST_SEED, asked.rooms, (judges, rivals))
         kept[condition] = tested
-        for name in (*rivals, "detect"):
-            threshold = 0.5 if name == "detect" else _best_threshold(chosen, name)
+        for name in (*rivals, INSTALLED, "detect"):
+            threshold = _best_threshold(chosen, name) if name in rivals else 0.5
             lines.append(_line(condition, name, tested, threshold))
     write_json(asked.out, kept)
     print("\n".join(lines))
@@ -79,7 +85,7 @@ def _scored(condition: str, seed: int, rooms: int, by: tuple[Judges, list[str]])
                 for (truth, verdict, probability), guid in elements_of(found, case):
                     row = case.prior.building.elements.guid.index(guid)
                     mine = probability if verdict in (PRESENT, REMOVED) else 0.0
-                    told.append({"truth": truth, "detect": mine} | {name: float(scores[name][row]) for name in rivals})
+                    told.append({"truth": truth, "detect": mine} | {name: float(scores[name][row]) for name in scores})
     return told
 
 
@@ -88,19 +94,25 @@ def _rivals(case: RoomCase, names: list[str]) -> dict[str, np.ndarray]:
     seen = sight(case.prior, rays_of_scan(case.scan)).prior
     points, scan = seen.points.astype(np.float64), np.asarray(case.scan.points, np.float64)
     apart = np.minimum(nearest_distance(points, scan), FARTHEST)
-    along = _m3c2(points, scan) if "M3C2" in names else None
+    along = m3c2(points, scan) if "M3C2" in names else None
     count = len(case.ids)
-    scores = {name: np.zeros(count) for name in names}
+    scores = {name: np.zeros(count) for name in (*names, INSTALLED)}
     for row in np.unique(seen.element):
         own = seen.element == row
         scores["cloud to mesh"][row] = np.median(apart[own])
         scores["coverage"][row] = np.mean(apart[own] > COVERED)
+        scores[INSTALLED][row] = gap_of(apart[own])
         if along is not None:
             scores["M3C2"][row] = np.median(along[own])
     return scores
 
 
-def _m3c2(points: np.ndarray, scan: np.ndarray) -> np.ndarray:
+def gap_of(apart: np.ndarray) -> float:
+    """Share of an element's points that the scan does not cover, by their distances [m] to it."""
+    return float(np.mean(apart > TOLERANCE))
+
+
+def m3c2(points: np.ndarray, scan: np.ndarray) -> np.ndarray:
     """Absolute M3C2 distances (N,) [m] of the points to the scan."""
     import py4dgeo  # first by peers.has, where it began a log that is gone
 

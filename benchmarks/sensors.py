@@ -15,9 +15,10 @@ from typing import Any
 
 from benchmarks.command_line import CommandLine
 from benchmarks.detections import TEST_SEED, elements_of
-from benchmarks.views.detection_scores import LEAST_SHOWN, objects_of, share_of
+from benchmarks.views.detection_scores import objects_of, share_of
 from jaxmm.config import SCENARIOS, UNCHANGED
 from jaxmm.files import load_json, write_json
+from jaxmm.learning.object_scores import LEAST_SHOWN
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.runs.room_scans import RoomCase, room_cases
 from jaxmm.verdicts.detection import detect_scans

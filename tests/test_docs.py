@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = (".", "docs", "paper", "benchmarks", "findings", "jaxmm/weights")
 TEXTS = sorted(path for folder in FOLDERS for path in (ROOT / folder).glob("*.md"))
 TOLD = [path for path in TEXTS if path.name != "CHANGELOG.md"]  # which names files as they were called then
-SHARED = ("command_line.py", "building_views.py", "timing.py")  # benchmarks take options from these
+SHARED = ("command_line.py", "views/building_views.py", "timing.py")  # benchmarks take options from these
 named = pytest.mark.parametrize("path", TOLD, ids=lambda path: path.relative_to(ROOT).as_posix())
 
 
@@ -197,5 +197,10 @@ def test_the_help_names_every_element_class():
     assert f"of {','.join(CLASSES)}; or any of IFC" in re.sub(r"\s+", " ", _parsers()["detect"].format_help())
 
 
-def _parsers():
-    return _parser()._subparsers._group_actions[0].choices
+def _parsers(parser=None):
+    """Every command by name; the steps of a command by theirs."""
+    found = {}
+    for action in (parser or _parser())._subparsers._group_actions:
+        for name, own in action.choices.items():
+            found |= {name: own} | (_parsers(own) if own._subparsers else {})
+    return found

@@ -1,4 +1,4 @@
-"""Words in. May import: root, formats, learning, data, stations, verdicts, ifc, reports, weeks, thesis, runs."""
+"""Words. May import: root, formats, learning, data, stations, verdicts, ifc, reports, weeks, thesis, runs, exchange."""
 
 import lazy_loader
 

@@ -1,7 +1,6 @@
 """The command line: parses, calls, prints. Errors are one line.
 
-2 says that the input is wrong, or that `scan`, `generate`, `detect`, `progress` and `revert` have nowhere to write; 1
-that the work failed.
+2 says that the input is wrong, or that a command of WRITERS has nowhere to write; 1 that the work failed.
 """
 
 import argparse
@@ -14,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
-from jaxmm.commands import detect_options, progress_options
+from jaxmm.commands import benchmark_options, detect_options, progress_options
 from jaxmm.config import CONDITIONS, SCENARIOS
 from jaxmm.devices import check_devices
 from jaxmm.files import check_writable
@@ -27,12 +26,14 @@ WRITERS = (
     "generate",
     "detect",
     "progress",
+    "benchmark",
     "revert",
 )  # commands for which a file that cannot be written is the user's to put right
 WITHOUT_JAX = ("scan", "revert")
 _AGAIN = "the same command again goes on"
 GOES_ON = {  # what to say of an interrupted command that keeps what it has done; others write all at their end
-    "reproduce": _AGAIN, "generate": _AGAIN, "evaluate": _AGAIN, "train": "the same command with --resume goes on",
+    "reproduce": _AGAIN, "generate": _AGAIN, "evaluate": _AGAIN, "benchmark": _AGAIN,
+    "train": "the same command with --resume goes on",
 }  # fmt: skip
 FEW_RETURNS = 0.05  # share of rays below which a scan is hardly one
 SCAN_SENSORS = (
@@ -179,6 +180,8 @@ def _parser() -> argparse.ArgumentParser:
 
     detect_options.add_detect(_command(commands, "detect", detect_options.detect, detect_options.EXAMPLE), POSE)
     progress_options.add_progress(_command(commands, "progress", progress_options.progress, progress_options.EXAMPLE))
+    benchmark = _command(commands, "benchmark", benchmark_options.benchmark, benchmark_options.EXAMPLE)
+    benchmark_options.add_benchmark(benchmark)
     command = _command(commands, "revert", detect_options.revert, "jaxmm revert found/updated.ifc --out before.ifc")
     command.add_argument("updated", type=Path, metavar="UPDATED.ifc", help="of detect; its undo.json lies beside it")
     command.add_argument("--out", type=Path, required=True, metavar="FILE.ifc", help="the model as it was before")
@@ -194,6 +197,7 @@ ABOUT = {
     "scan": "scan a building from one place and write the scan",
     "detect": "compare robot scans with a building model: what was added, what removed, what could not be seen",
     "progress": "follow every element over the reports of several weeks: when it was built, displaced or removed",
+    "benchmark": "write scenes that any method can be run on, and score what it says",
     "revert": "undo what detect changed in an IFC file",
 }
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks.views.detection_scores import LEAST_SHOWN, objects_of, score, standing_at
+from benchmarks.views.detection_scores import objects_of
 from jaxmm.learning.boxes import Box
+from jaxmm.learning.object_scores import LEAST_SHOWN, score, standing_at
 from jaxmm.runs.room_scans import room_cases, true_boxes
 from jaxmm.verdicts.results import Mismatch
 

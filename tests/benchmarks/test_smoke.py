@@ -14,10 +14,12 @@ JSON, FOLDER, FILE = "--json file", "--out folder", "--out file"
 # What each benchmark writes.
 WRITES = {
     "ablation": FOLDER, "accuracy": FOLDER, "buildings": FOLDER, "classes": FOLDER, "clients": FILE, "clouds": FOLDER,
-    "commands": JSON, "detect": JSON, "detections": FOLDER, "deviations": JSON, "growth": JSON, "large_scans": JSON,
+    "commands": JSON, "detect": JSON, "detections": FOLDER, "deviations": JSON, "dynamic_maps": FILE, "growth": JSON,
+    "large_scans": JSON,
     "latency": JSON, "matrix": JSON, "mirrors": JSON, "neighbours": JSON, "objects": FOLDER, "outdoors": FOLDER,
     "pairs": JSON, "pillars": FILE, "pose_search": JSON, "poses": JSON, "progress": FOLDER, "rays": JSON,
-    "reality": JSON, "released": JSON, "rivals": FILE, "rooms": JSON, "sensors": FOLDER, "stations": JSON,
+    "reality": JSON, "released": JSON, "rivals": FILE, "rooms": JSON, "rows": FOLDER, "sensors": FOLDER,
+    "stations": JSON,
     "train": JSON, "triangles": JSON, "unchanged": JSON, "voxels": JSON,
 }  # fmt: skip
 NEEDS_FILES = {"released"}  # which no smoke run can make

@@ -18,7 +18,7 @@ from jaxmm import run_folder
 from jaxmm.commands import cli
 from jaxmm.runs import main_job
 
-COMMANDS = ("reproduce", "generate", "train", "evaluate", "thesis", "scan")
+COMMANDS = ("reproduce", "generate", "train", "evaluate", "thesis", "scan", "benchmark")
 
 
 def test_the_package_loads_nothing_heavy():
