@@ -33,7 +33,7 @@ def theirs(distance: np.ndarray, network: NetworkConfig):
     """The same in PyTorch."""
     import torch
 
-    from benchmarks.torch_networks import PointNetwork
+    from benchmarks.peers.torch_networks import PointNetwork
 
     torch.set_num_threads(core_count())
     models = [PointNetwork(network).eval() for _ in range(MODELS)]

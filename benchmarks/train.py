@@ -72,7 +72,7 @@ def separate_steps(batch: Batch, config: Config):
 
 def peer_step(batch: Batch, config: Config, compiled: bool):
     """The same four updates in PyTorch."""
-    from benchmarks.torch_networks import torch_step
+    from benchmarks.peers.torch_networks import torch_step
 
     return torch_step(batch, config, compiled)
 

@@ -13,7 +13,8 @@ CLASS = (
 )  # fmt: skip
 SEMANTIC = (WALL, PILLAR, DOOR, FLOOR, CEILING, OTHER, OTHER, OTHER, OTHER, OTHER, WALL)
 ELEMENTS = Elements(
-    tuple("abcdefghijk"), CLASS, ("",) * 11, np.zeros(11, np.int32), np.array(SEMANTIC, np.uint8), ("",) * 11, ((),) * 11,
+    tuple("abcdefghijk"), CLASS, ("",) * 11, np.zeros(11, np.int32), np.array(SEMANTIC, np.uint8),
+    ("",) * 11, ((),) * 11,
 )  # fmt: skip
 
 
