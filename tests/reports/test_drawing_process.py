@@ -14,28 +14,33 @@ import os, sys
 from pathlib import Path
 from jaxmm.reports import drawing_process
 
-def draw(folder, detection, project):
+def figures(folder, detection):
     if detection == "fails":
         raise OSError(28, "No space left on device", str(folder))
     if detection == "dies":
         os._exit(3)
-    (folder / "drawn").write_text(f"{os.getpid()} {detection} {project}")
+    (folder / "drawn").write_text(f"{os.getpid()} {detection}")
 
-drawing_process.draw = draw
+def topics(folder, detection, project, version):
+    (folder / "topics").write_text(f"{os.getpid()} {project} {version}")
+
+drawing_process._figures, drawing_process._topics = figures, topics
 folder = Path(sys.argv[1])
 with drawing_process.drawing_beside():
     try:
-        with drawing_process.drawing(folder, sys.argv[2], "house"):
+        with drawing_process.drawing(folder, sys.argv[2]) as write_topics:
             if sys.argv[2] == "interrupted":
                 raise OSError(4, "Interrupted")
+            write_topics("house", version="2.1")
     except OSError as error:
         print("error", error.errno, error.strerror)
     else:
         number, *words = (folder / "drawn").read_text().split()
-        print(int(number) != os.getpid(), *words)
+        by, *more = (folder / "topics").read_text().split()
+        print(int(number) != os.getpid() and by == number, *words, *more)
 with drawing_process.drawing_beside():
     pass
-with drawing_process.drawing(folder, "in place", "house"):
+with drawing_process.drawing(folder, "in place"):
     pass
 print((folder / "drawn").read_text().split()[0] == str(os.getpid()), drawing_process._waiting)
 print(os.path.exists(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
@@ -47,7 +52,7 @@ print(os.path.exists(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
 @pytest.mark.parametrize(
     "asked, expected",
     [
-        ("detection", "True detection house"),
+        ("detection", "True detection house 2.1"),
         ("fails", "error 28 No space left on device"),
         ("interrupted", "error 4 Interrupted"),
         ("dies", "error None the process that draws was ended"),
@@ -66,7 +71,10 @@ def test_what_is_drawn_beside_is_there_and_what_fails_is_told(tmp_path, asked, e
 def test_with_other_threads_about_everything_is_drawn_in_place(tmp_path, monkeypatch):
     monkeypatch.setattr(drawing_process, "_can_split", lambda: False)
     drawn = []
-    monkeypatch.setattr(drawing_process, "draw", lambda *words: drawn.append(words))
+    for name in ("_figures", "_topics"):
+        monkeypatch.setattr(drawing_process, name, lambda *words: drawn.append(words))
     with drawing_process.drawing_beside():
-        with drawing_process.drawing(tmp_path, "detection", "house"):
-            assert drawn == [(tmp_path, "detection", "house")]
+        with drawing_process.drawing(tmp_path, "detection") as write_topics:
+            assert drawn == [(tmp_path, "detection")]
+            write_topics("house")
+            assert drawn[1:] == [(tmp_path, "detection", "house")]

@@ -16,6 +16,7 @@ SHOWN = {
     "prior": True,
     "robot": True,
     "boxes": True,
+    "things": True,
     "arrows": True,
     "frustum": True,
     "ceiling": False,
