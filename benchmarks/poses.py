@@ -183,9 +183,10 @@ def main() -> None:
         for most in ERRORS:
             row = row_of(f"{case} ({len(views)})", views, most, asked.seed, with_open3d)
             told = " | ".join(f"{row[kind]:.2f}" for kind in KINDS)
+            other = f"{row['open3d']:.2f}" if with_open3d else "-"
             print(
                 f"| {row['case']} | {most[0]:g} m, {most[1]:g}° | {told} | {row['farthest']:.3f} | {row['peer']:.2f} "
-                f"| {row.get('open3d', float('nan')):.2f} |",
+                f"| {other} |",
                 flush=True,
             )
             rows.append(row)

@@ -61,7 +61,7 @@ def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]
     except InputError as error:
         return {"refused": str(error), "told": [], "new": 0}
     last = {one.guid: one.verdict for one in told.elements}
-    whole = without_hanging(prior, [WALL, PILLAR])
+    whole = without_hanging(prior, np.isin(building.elements.semantic, (WALL, PILLAR)))
     first = verdicts_of([look_at(whole, rays_of_scan(posed), judges, ["removed"])[1]])
     rows = _can_be_told(prior, (np.flatnonzero(upright), gone), rays_of(sensor, pose), reach)
     return {

@@ -82,6 +82,10 @@ def check_rows(name, found, complaints):
     if name == "unchanged":
         said = {what: words for what, words in found.items() if what.endswith("says")}
         assert len(said) == 4 and all(words.startswith("exit 0") for words in said.values()), said
+    elif name == "reality":  # tells in words what each build makes of a case; without another there is no peer
+        assert [row["this build"] for row in found["rows"]] == ["right"]
+    elif name == "stations":  # likewise
+        assert found["rows"] and all(row["case"] and row["unit"] and row["ours"] > 0.0 for row in found["rows"])
     elif name == "matrix":
         assert len(found["cells"]) == 16
     else:

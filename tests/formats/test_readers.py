@@ -45,7 +45,7 @@ def test_what_jaxmm_scan_writes_is_read_again(tmp_path, ending, place):
         np.testing.assert_allclose(found.rotation, scan.rotation, atol=1e-6)
     else:
         assert found.position is None and found.rotation is None
-    assert found.in_world == (ending in (".e57", ".npz"))  # of a PCD file nobody knows
+    assert found.in_world == (ending in (".pcd", ".e57", ".npz"))
 
 
 def write_ply_ascii(path):
