@@ -4,16 +4,27 @@ Points are read in blocks by the library below pye57, whose own `read_scan` hold
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jaxmm.formats.dates import from_gps
-from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_name, check_swelling, returned, to_world
+from jaxmm.formats.raw_scans import (
+    BLOCK,
+    FARTHEST,
+    RawScan,
+    check_count,
+    check_name,
+    check_swelling,
+    returned,
+    to_world,
+)
 from jaxmm.inputs import InputError
 
+PROBE = 1 << 12  # points read at once where it is only asked whether there are any
 PAGE, CONTENT = 1024, 1020  # [bytes] of a page, and before its checksum
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -29,15 +40,19 @@ def read_e57(path: Path, only: int | None = None) -> list[RawScan]:
 
 
 def scans_with_points(path: Path) -> tuple[list[int], int]:
-    """Numbers of the scans of a file that promise points, and how many scans there are; no point is read.
+    """Numbers of the scans of a file that hold points, and how many scans there are.
+
+    Of each scan no more is read than up to its first points that came back. One that cannot be read counts as if it
+    held some: whoever reads it whole says what is wrong.
 
     Raises:
         InputError: it is no whole E57 file.
     """
 
     def counted(file: Any) -> tuple[list[int], int]:
-        count = file.scan_count
-        return [number for number in range(count) if file.get_header(number).point_count > 0], count
+        headers = [file.get_header(number) for number in range(file.scan_count)]
+        some = [number for number, header in enumerate(headers) if _holds_points(path, file.image_file, header)]
+        return some, len(headers)
 
     return _opened(path, counted)
 
@@ -89,11 +104,7 @@ def _scans(path: Path, file: Any, only: int | None) -> list[RawScan]:
 def _scan(path: Path, image: Any, header: Any) -> RawScan:
     if not header.point_count:
         return RawScan(np.zeros((0, 3)))
-    check_count(path, header.point_count)
-    axes = next((axes for axes in (CARTESIAN, SPHERICAL) if set(axes) <= set(header.point_fields)), None)
-    if axes is None:
-        raise InputError(f"{path}: expected points in cartesian or spherical coordinates, got others")
-    points = _points(path, image, header, axes)
+    points = _points(path, image, header)
     taken = _taken(header.node)
     if not header.has_pose():
         return RawScan(points, taken=taken)
@@ -103,33 +114,59 @@ def _scan(path: Path, image: Any, header: Any) -> RawScan:
     return RawScan(points, position, rotation, (*remarks, *none), in_world=True, taken=taken)
 
 
-def _points(path: Path, image: Any, header: Any, axes: tuple[str, ...]) -> np.ndarray:
+def _points(path: Path, image: Any, header: Any) -> np.ndarray:
     """(N, 3) in the sensor's frame, without those that the file calls invalid."""
+    check_count(path, header.point_count)
+    points, kept = np.zeros((header.point_count, 3)), 0
+    for block in _blocks(path, image, header, BLOCK):
+        points[kept : kept + len(block)] = block
+        kept += len(block)
+    return points[:kept]
+
+
+def _holds_points(path: Path, image: Any, header: Any) -> bool:
+    """Whether rays of a scan came back from two places at least; a ray from nowhere is often written as 0, 0, 0."""
     from pye57 import libe57
 
+    first = None
+    try:
+        with closing(_blocks(path, image, header, PROBE)) as blocks:
+            for block in blocks:
+                some = block[(np.abs(block) < FARTHEST).all(axis=1) & block.any(axis=1)]
+                first = some[0] if first is None and len(some) else first
+                if (some != first).any():
+                    return True
+    except (InputError, libe57.E57Exception):
+        return header.point_count > 0
+    return False
+
+
+def _blocks(path: Path, image: Any, header: Any, size: int) -> Iterator[np.ndarray]:
+    """Blocks of the points of a scan, up to `size` (n, 3) each, as of `_points`."""
+    from pye57 import libe57
+
+    axes = next((axes for axes in (CARTESIAN, SPHERICAL) if set(axes) <= set(header.point_fields)), None)
+    if axes is None:
+        raise InputError(f"{path}: expected points in cartesian or spherical coordinates, got others")
     count, invalid = header.point_count, axes[0].replace("X", "InvalidState").replace("Range", "InvalidState")
-    columns = {axis: np.zeros(BLOCK) for axis in axes}
+    columns = {axis: np.zeros(size) for axis in axes}
     if invalid in header.point_fields:
-        columns[invalid] = np.zeros(BLOCK, np.int8)
-    buffers = libe57.VectorSourceDestBuffer()
+        columns[invalid] = np.zeros(size, np.int8)
+    buffers, read = libe57.VectorSourceDestBuffer(), 0
     for name, column in columns.items():
-        buffers.append(libe57.SourceDestBuffer(image, name, column, BLOCK, True, True))
-    points, read, kept = np.zeros((count, 3)), 0, 0
+        buffers.append(libe57.SourceDestBuffer(image, name, column, size, True, True))
     reader = header.points.reader(buffers)
     try:
         while found := reader.read():
             if read + found > count:
                 raise InputError(f"{path}: expected {count} points as its header promises, found more")
             block = _cartesian(np.column_stack([columns[axis][:found] for axis in axes]), axes)
-            if invalid in columns:
-                block = block[columns[invalid][:found] == 0]
-            points[kept : kept + len(block)] = block
-            read, kept = read + found, kept + len(block)
+            yield block[columns[invalid][:found] == 0] if invalid in columns else block
+            read += found
     finally:
         reader.close()
     if read < count:
         raise InputError(f"{path}: truncated: expected {count} points as its header promises, found {read}")
-    return points[:kept]
 
 
 def _cartesian(block: np.ndarray, axes: tuple[str, ...]) -> np.ndarray:

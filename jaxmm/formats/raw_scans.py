@@ -13,6 +13,7 @@ import numpy as np
 from jaxmm.inputs import InputError
 
 BLOCK = 1 << 19  # points read at once
+FARTHEST = 1e12  # coordinates beyond are damage, and their squares would not fit
 MOST_POINTS = 2_000_000_000  # more than that is a damaged header
 MOST_SWELLING = 200  # times that a packed file may grow; real ones grow 3 to 20 times
 SMALL = 10_000  # [bytes] a file below this may swell as if it had them: packing has a fixed cost

@@ -23,7 +23,7 @@ from jaxmm.formats.las import read_las
 from jaxmm.formats.pcd import read_pcd
 from jaxmm.formats.ply import read_ply
 from jaxmm.formats.ptx import read_ptx
-from jaxmm.formats.raw_scans import RawScan, returned
+from jaxmm.formats.raw_scans import FARTHEST, RawScan, returned
 from jaxmm.formats.text import read_text
 from jaxmm.formats.vtk import read_vtk
 from jaxmm.inputs import InputError, one_line
@@ -34,7 +34,6 @@ READERS: dict[str, Callable[[Path], list[RawScan]]] = {
     ".pts": read_text, ".ptx": read_ptx, ".vtk": read_vtk,
 }  # fmt: skip
 EXTRA = "needs the extra formats: pip install 'jaxmm[formats]'"
-FARTHEST = 1e12  # coordinates beyond are damage, and their squares would not fit
 
 
 class NoPoints(InputError):

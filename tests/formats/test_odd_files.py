@@ -6,9 +6,10 @@ import struct
 import numpy as np
 import pytest
 
-from jaxmm.formats import ply, ply_header
+from jaxmm.formats import e57, ply, ply_header
 from jaxmm.formats.readers import read_scans
 from jaxmm.inputs import InputError
+from jaxmm.stations.sources import scan_of, sources_of
 from tests.cases.e57_files import write_e57
 
 RNG = np.random.default_rng(17)
@@ -264,6 +265,26 @@ def test_structured_e57_with_rays_without_a_return(tmp_path):
     for found, gone in ((first, range(10, 20)), (second, range(10, 14))):
         turn = np.array([[0.28, -0.96, 0.0], [0.96, 0.28, 0.0], [0.0, 0.0, 1.0]])
         np.testing.assert_allclose(found.points, np.delete(POINTS, gone, axis=0) @ turn.T + [1, 2, 3], atol=1e-9)
+
+
+@pytest.mark.parametrize("axes", [e57.CARTESIAN, e57.SPHERICAL])
+def test_scans_of_an_e57_file_are_counted_as_they_are_read(tmp_path, monkeypatch, axes):
+    """Also where the first ray that came back is far down, and beside scans of which none did."""
+    monkeypatch.setattr(e57, "PROBE", 7)
+    state = axes[0].replace("X", "InvalidState").replace("Range", "InvalidState")
+
+    def scan(points, invalid=0):
+        columns = {axis: np.ascontiguousarray(points[:, number]) for number, axis in enumerate(axes)}
+        return columns | {state: np.full(len(points), invalid, np.int8)}, None
+
+    late, damage = np.where(np.arange(50)[:, None] < 48, 0.0, POINTS), np.full((50, 3), np.nan)
+    scans = [scan(POINTS, 2), scan(late), scan(np.zeros((50, 3))), scan(POINTS[:0]), scan(damage), scan(POINTS)]
+    write_e57(tmp_path / "a.e57", scans)
+    assert e57.scans_with_points(tmp_path / "a.e57") == ([1, 5], 6)
+    assert [len(found.points) for found in read_scans(tmp_path / "a.e57")] == [2, 50]
+    (first, _), (second, _) = sources_of([tmp_path / "a.e57"], None)
+    assert first.remark == "4 of 6 scans hold no points and are left out" and second.remark == ""
+    assert [len(scan_of(one).points) for one in (first, second)] == [2, 50]
 
 
 def test_files_of_others(data_root):
