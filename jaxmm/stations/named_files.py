@@ -74,8 +74,9 @@ def frames_that_fit(prior: Prior, sources: list[ScanSource], reading: Reading) -
     """In which other frames some scans would lie on the prior; "" for those that do as they are."""
     found = set()
     for one in sources:
-        if one.pose != SEARCH and not one.error:
-            found.add(frame_that_fits(prior, scan_of(one), one.pose, reading.frame, reading.unit))
+        if one.pose != SEARCH:
+            with contextlib.suppress(InputError):  # of one that cannot be read, and was to be left out
+                found.add(frame_that_fits(prior, scan_of(one), one.pose, reading.frame, reading.unit))
     return found
 
 

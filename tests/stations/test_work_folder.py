@@ -153,6 +153,9 @@ def test_a_bad_file_is_named_and_left_out_only_if_asked(site, tmp_path, monkeypa
     assert bits(found._replace(notes=without.notes)) == bits(without)
     with pytest.raises(InputError, match=r"bad\.npy"):
         detect(site.model, [bad, tmp_path / "none.npy"], site.poses[:2], settings=SETTINGS, work=Work(keep_going=True))
+    far = site.poses[0]._replace(position=np.array([300.0, 0.0, 1.5]))
+    with pytest.raises(InputError, match=r"0\.npy: the prior has nothing in view"):  # what ended it
+        detect(site.model, [site.scans[0], bad], [far, far], work=Work(keep_going=True))
 
 
 def test_equal_stations_and_no_workers_are_refused_in_one_line(site, tmp_path):
