@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from threadpoolctl import threadpool_limits
+
 from jaxmm.data import local_engine, ray_engine
 from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError, Misfit
@@ -203,6 +205,7 @@ class _Loaded(Sequence[Any]):
         return len(self._shelves)
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # sums of products come out otherwise on more threads
 def _done(
     where: tuple[Path, str, Shared], step: Callable[..., Any], arguments: tuple[Any, ...],
     number: int, digest: str, files: tuple[tuple[str, str], ...],

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from jaxmm.commands.detect_files import detect
 from jaxmm.formats.poses import GivenPose
@@ -92,7 +93,8 @@ def test_stations_find_what_is_new_and_gone_as_scans_in_memory_do(site, one_by_o
     for number, place in enumerate(PLACES):
         scan = scan_of((*SHELL, NEW), place, SENSOR)
         named.append(scan._replace(scan=scan.scan._replace(sensor=None), file=f"{number}.npy"))
-    held = detect_scans(prior, named, judges, SETTINGS)
+    with threadpool_limits(limits=1, user_api="blas"):
+        held = detect_scans(prior, named, judges, SETTINGS)
     dated = tuple(one._replace(taken=by.taken) for one, by in zip(held.scans, one_by_one.scans, strict=True))
     assert bits(held._replace(prior=one_by_one.prior, scans=dated, date=one_by_one.date)) == bits(one_by_one)
 
