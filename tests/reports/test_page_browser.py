@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.verdicts.verdicts import VERDICTS
 from tests.cases.detections import true_case
 from tests.cases.displaced import with_displaced
@@ -58,7 +59,9 @@ def driver(tmp_path_factory):
 
 
 def test_browser_draws_and_layers_change_the_picture(driver, case, tmp_path):
-    with Page(driver, tmp_path / "report.html", case.detection) as page:
+    middle = np.asarray(case.detection.mismatches[0].center, float) + np.array([0.5, 0.5, 0.0])
+    thing = Unexplained(middle, np.array([1.2, 0.8, 1.5]), 30.0, 40)
+    with Page(driver, tmp_path / "report.html", case.detection._replace(unexplained=(thing,))) as page:
         assert page.run("return window.jaxmm.webgl")
         page.run("document.getElementById('labels').hidden = true")  # they come and go with their layers
         all_on = page.picture()
