@@ -35,14 +35,6 @@ ROOT = Path(__file__).resolve().parents[1]
 OFTEN = 0.1  # [s] between looks at memory
 
 
-class Station(NamedTuple):
-    """One scan, and where it was taken from."""
-
-    points: np.ndarray  # (N, 3) float32 [m] world
-    position: np.ndarray  # (3,) [m]
-    yaw: float  # [deg]
-
-
 class Usage(NamedTuple):
     """What one command took."""
 

@@ -242,21 +242,33 @@ def load(path: Path | str) -> Config:
     Raises:
         ConfigError: the file is missing or no TOML, or a setting is unknown, of the wrong type, or out of range.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise ConfigError(f"{path}: cannot read the config: {reason}") from error
-    return parse(text, where=str(path))
+    return build(Config, read_toml(Path(path), "config"), str(path))
 
 
 def parse(text: str, where: str) -> Config:
     """Read a Config from TOML text; `where` opens the messages of errors."""
+    return build(Config, _toml(text, where), where)
+
+
+def read_toml(path: Path, what: str = "settings") -> dict[str, Any]:
+    """The values in a TOML file; `what` it holds is a word for errors.
+
+    Raises:
+        ConfigError: the file is missing, or no TOML.
+    """
     try:
-        values = tomllib.loads(text)
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise ConfigError(f"{path}: cannot read the {what}: {reason}") from error
+    return _toml(text, str(path))
+
+
+def _toml(text: str, where: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # numbers of too many digits, and lists nested too deeply
         raise ConfigError(f"{where}: not valid TOML: {one_line(error)}") from error
-    return build(Config, values, where)
 
 
 def build(kind: type, values: dict[str, Any], where: str, others: Any = None) -> Any:

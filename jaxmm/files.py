@@ -1,11 +1,13 @@
 """Files of our own: written whole or not at all, and read with an error that names the one that is damaged."""
 
+import contextlib
+import fcntl
 import hashlib
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ import numpy as np
 
 from jaxmm.inputs import InputError
 
+LOCK = ".lock"  # of a folder that one process at a time may fill
 MANIFEST = "manifest.json"  # of a data set: which shards it has
 
 
@@ -84,6 +87,23 @@ def write_folder(path: Path, write: Callable[[Path], Any]) -> None:
             work.rename(path)
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def held(folder: Path, busy: str) -> Iterator[None]:
+    """A folder, made where it is missing, for this process alone; `busy` is what else to say of it.
+
+    Raises:
+        InputError: another process holds it.
+        OSError: it cannot be made, or written to.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / LOCK, "w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InputError(f"{folder}: another process is {busy}") from error
+        yield
 
 
 def sha256_of(path: Path) -> str:

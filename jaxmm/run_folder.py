@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import errno
-import fcntl
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import tomli_w
 
 from jaxmm.config import Config, PaperConfig, load
-from jaxmm.files import MANIFEST, load_json, write_json, write_text
+from jaxmm.files import MANIFEST, held, load_json, write_json, write_text
 from jaxmm.inputs import InputError
 from jaxmm.versions import versions
 
@@ -39,20 +38,13 @@ def open_run(folder: Path, config: Config, *, threads_matter: bool = True, stage
             raise InputError(f"{folder}: expected a new folder or a run folder with {CONFIG}, found {min(leftovers)}")
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder to write to, found a file")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = open(folder / ".lock", "w")
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
-            raise  # nothing is wrong with what the user asked for
-        raise InputError(f"{folder}: expected a folder to write to: {error.strerror}") from error
-    with lock:
+    with contextlib.ExitStack() as stack:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise InputError(
-                f"{folder}: another process is writing to this run; wait for it or choose --out"
-            ) from error
+            stack.enter_context(held(folder, "writing to this run; wait for it or choose --out"))
+        except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
+                raise  # nothing is wrong with what the user asked for
+            raise InputError(f"{folder}: expected a folder to write to: {error.strerror}") from error
         if (folder / CONFIG).exists() and staged:
             if read_config(folder).paper.rows != config.paper.rows:
                 raise InputError(f"{folder}: holds a run of another kind; choose another --out or remove it")

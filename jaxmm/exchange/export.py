@@ -6,11 +6,9 @@ its own, beside the folder.
 
 import contextlib
 import csv
-import fcntl
 import hashlib
 import io
 import shutil
-from collections.abc import Iterator
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
@@ -23,14 +21,15 @@ from jaxmm.exchange import sheet
 from jaxmm.exchange.scene_files import SCENE, write_scene
 from jaxmm.exchange.scenes import make_scene, read_once
 from jaxmm.exchange.tasks import SPLITS, TEST, ExportSettings, Task, task_of
-from jaxmm.files import MANIFEST, check_folder, load_arrays, load_json, write_arrays, write_json, write_text
+from jaxmm.files import LOCK, MANIFEST, check_folder, held, load_arrays, load_json, write_arrays, write_json, write_text
 from jaxmm.inputs import InputError
 from jaxmm.progress import bar_of
 from jaxmm.versions import versions
 from warp_scanner.cores import worker_pool
+from warp_scanner.scenes.scenes import PILLAR, WALL
 
 FORMAT, FORMAT_VERSION = "jaxmm benchmark", 1
-BUILDINGS, TABLE, LOCK = "buildings", "scenes.csv", ".lock"
+BUILDINGS, TABLE = "buildings", "scenes.csv"
 OWN_FILES = {*SPLITS, BUILDINGS, TABLE, LOCK, MANIFEST, sheet.README, sheet.SCHEMA, sheet.SETTINGS}
 
 
@@ -65,7 +64,7 @@ def export(settings: ExportSettings, folder: Path, request: Request = Request())
     check_folder(folder, "DIR")
     check_folder(truth.parent, "--truth")
     buildings = _building_files(request.buildings)
-    with _held(folder):
+    with held(folder, "writing to it; wait, or choose another DIR"):
         parts = truth.with_name(f"{truth.name}.parts")
         if not (folder / MANIFEST).exists() and (truth.exists() or parts.exists()):
             raise InputError(f"--truth: expected a new file for a new benchmark, {truth} is there; remove it or choose")
@@ -162,18 +161,6 @@ def _building_files(folder: Path | None) -> list[Path]:
     if len({path.name for path in paths}) < len(paths):
         raise InputError(f"--ifc {folder}: expected files of different names, found one twice")
     for path in paths:
-        if not np.isin(read_once(path).building.elements.semantic, (3, 4)).any():
+        if not np.isin(read_once(path).building.elements.semantic, (WALL, PILLAR)).any():
             raise InputError(f"{path}: expected walls or columns, found none")
     return paths
-
-
-@contextlib.contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    """Hold the folder for writing."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / LOCK, "w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise InputError(f"{folder}: another process is writing to it; wait, or choose another DIR") from error
-        yield

@@ -1,12 +1,10 @@
 """What stands in which scene of an exported benchmark: a pure function of settings and number."""
 
 import dataclasses
-import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
-from jaxmm.config import MULTI_SCENARIOS, SCENARIOS, UNCHANGED, ConfigError, bounded, build
-from jaxmm.inputs import one_line
+from jaxmm.config import MULTI_SCENARIOS, SCENARIOS, UNCHANGED, bounded, build, read_toml
 from warp_scanner import draws
 from warp_scanner.sensors.sensors import PRESETS as SENSORS
 
@@ -62,13 +60,7 @@ def load_export_settings(path: Path | None) -> ExportSettings:
     """
     if path is None:
         return ExportSettings()
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot read the settings: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: not valid TOML: {one_line(error)}") from error
-    return build(ExportSettings, values, str(path))
+    return build(ExportSettings, read_toml(path), str(path))
 
 
 def task_of(settings: ExportSettings, index: int, buildings: int = 0) -> Task:

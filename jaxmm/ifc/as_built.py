@@ -82,13 +82,9 @@ def motion_of(drawing: Drawing, one: ElementVerdict, unit: float, to_world: np.n
 
     `unit` is the length [m] of the file's unit; `to_world` leads from that frame, in metres, to the drawing's.
     """
-    row = drawing.rows().get(one.key)
-    if drawing.faces is None or row is None:
+    corners = drawing.corners(one.key)
+    if corners is None:
         return None
-    used = drawing.faces[drawing.face_element == row]
-    if not len(used):
-        return None
-    corners = drawing.vertices[used].reshape(-1, 3).astype(np.float64)
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0 + drawing.origin
     turn = Rotation.from_rotvec(one.deviation.turned).as_matrix()
     motion = np.eye(4)

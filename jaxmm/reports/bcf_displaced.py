@@ -60,16 +60,13 @@ def displaced_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
 
 def element_box(drawing: Drawing, one: ElementVerdict) -> Mismatch | None:
     """The upright box about an element where the model has it, a side of it square to its offset; None if not drawn."""
-    row = drawing.rows().get(one.key)
-    if drawing.faces is None or row is None:
-        return None
-    used = drawing.faces[drawing.face_element == row]
-    if not len(used):
+    corners = drawing.corners(one.key)
+    if corners is None:
         return None
     x, y, _ = one.deviation.direction
     yaw = math.atan2(y, x) if math.hypot(x, y) > 0.5 else 0.0
     turn = np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-    corners = drawing.vertices[used].reshape(-1, 3).astype(np.float64) @ turn
+    corners = corners @ turn
     low, high = corners.min(axis=0), corners.max(axis=0)
     center = turn @ ((low + high) / 2.0) + drawing.origin
     kind = "pillar" if "Column" in one.ifc_class else "wall"

@@ -7,7 +7,6 @@ command after a kill takes up what is there.
 """
 
 import contextlib
-import fcntl
 import functools
 import hashlib
 import shutil
@@ -19,7 +18,7 @@ from typing import Any, NamedTuple
 from threadpoolctl import threadpool_limits
 
 from jaxmm.data import local_engine, ray_engine
-from jaxmm.files import load_json, write_json
+from jaxmm.files import LOCK, held, load_json, write_json
 from jaxmm.inputs import InputError, Misfit
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.progress import bar_of
@@ -250,21 +249,14 @@ def _held(folder: Path | None, key: str) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix="jaxmm-stations-") as temporary:
             yield Path(temporary)
         return
-    try:
-        if (folder / KEY).exists() and load_json(folder / KEY) != {"key": key}:
-            shutil.rmtree(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = open(folder / ".lock", "w")
-    except OSError as error:
-        raise InputError(f"--out: cannot write {folder}: {error.strerror}") from error
-    with lock:
+    with contextlib.ExitStack() as stack:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise InputError(
-                f"{folder}: another process is at work here; wait for it or choose another --out"
-            ) from error
-        write_json(folder / KEY, {"key": key})
+            stack.enter_context(held(folder, "at work here; wait for it or choose another --out"))
+            if (folder / KEY).exists() and load_json(folder / KEY) != {"key": key}:
+                _empty(folder)
+            write_json(folder / KEY, {"key": key})
+        except OSError as error:
+            raise InputError(f"--out: cannot write {folder}: {error.strerror}") from error
         try:
             yield folder
         except InputError:
@@ -272,6 +264,13 @@ def _held(folder: Path | None, key: str) -> Iterator[Path]:
                 shutil.rmtree(folder, ignore_errors=True)
             raise
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _empty(folder: Path) -> None:
+    """Remove what was kept, but for the lock: only who holds that may."""
+    for path in folder.iterdir():
+        if path.name != LOCK:
+            path.unlink()
 
 
 @contextlib.contextmanager

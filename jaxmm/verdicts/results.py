@@ -130,6 +130,14 @@ class Drawing(NamedTuple):
     file: tuple[str, ...] = ()  # (E,) of every element; empty where the prior came as arrays
     twins: tuple[tuple[Key, ...], ...] = ()  # (E,) the same elements in other files, which have no surface of their own
 
+    def corners(self, key: Key) -> np.ndarray | None:
+        """(n, 3) float64 [m] offsets of the corners of an element's triangles; None of one without any."""
+        row = self.rows().get(key)
+        if self.faces is None or row is None:
+            return None
+        used = self.faces[self.face_element == row]
+        return self.vertices[used].reshape(-1, 3).astype(np.float64) if len(used) else None
+
     def rows(self) -> dict[Key, int]:
         """Index into `guid` of every element, and of what is the same in other files."""
         own = zip(self.file or ("",) * len(self.guid), self.guid, strict=True)

@@ -1,7 +1,6 @@
 """How to detect: the settings of `jaxmm detect`, with their defaults; a TOML file may set any of them."""
 
 import dataclasses
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +8,8 @@ import numpy as np
 
 from jaxmm.classes.selection import check_classes, chosen, is_chosen
 from jaxmm.classes.unexplained import UnexplainedSettings
-from jaxmm.config import ConfigError, bounded, build, one_of
+from jaxmm.config import bounded, build, one_of, read_toml
 from jaxmm.deviations.tolerances import DeviationSettings
-from jaxmm.inputs import one_line
 from jaxmm.learning.boxes import BoxSettings
 from jaxmm.objects.finder import ObjectSettings
 from jaxmm.verdicts.placement import OF_CLOUDS, FitLimits
@@ -66,12 +64,5 @@ def load_settings(path: Path | None, **given: Any) -> DetectSettings:
     Raises:
         ConfigError: the file is missing or no TOML, or a setting is unknown, of the wrong type, or out of range.
     """
-    values: dict[str, Any] = {}
-    if path is not None:
-        try:
-            values = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise ConfigError(f"{path}: cannot read the settings: {error.strerror}") from error
-        except (ValueError, RecursionError) as error:
-            raise ConfigError(f"{path}: not valid TOML: {one_line(error)}") from error
+    values = {} if path is None else read_toml(path)
     return build(DetectSettings, values | given, str(path or "settings"))

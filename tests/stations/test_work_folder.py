@@ -178,3 +178,14 @@ def test_without_ray_its_engine_is_refused_before_anything_is_read(monkeypatch, 
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(InputError, match=r"^--engine: ray needs the package ray[^\n]*$"):
         detect(tmp_path / "none.ifc", [tmp_path / "none.ply"], work=Work("ray"))
+
+
+def test_what_another_process_is_at_is_left_to_it(tmp_path):
+    """Though that one has other settings."""
+    folder, kept = tmp_path / "work", "00000-step.npz"
+    with work_folder._held(folder, "one"):
+        (folder / kept).touch()
+        with pytest.raises(InputError, match="another process is at work here"), work_folder._held(folder, "other"):
+            pass
+        assert (folder / kept).exists()
+    assert not folder.exists()
