@@ -54,10 +54,11 @@ def detect(
     """Compare robot scans with a building model, as `jaxmm detect` does, without writing anything.
 
     Args:
-        prior: IFC or mesh file, or a point cloud.
+        prior: IFC or mesh file, a folder of such, or a point cloud.
         scans: point clouds, bags or folders of depth images, see `formats.readers`; each may hold several.
         poses: one for each scan; None takes the one of its file, or estimates it, "search" looks for the only place in
             the building that the scan fits. None or "search" alone does so for all.
+        also: IFC and mesh files that describe the same building as well.
         reading: units, frame and sensor.
         settings: how to detect.
         model: run folder or .safetensors file of models of the method "evidence".

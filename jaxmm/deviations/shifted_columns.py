@@ -71,13 +71,11 @@ def beside_columns(scene: TriangleScene, rays: ScanRays, most: float) -> Beside:
     return Beside(np.concatenate(found), np.cumsum([len(one) for one in found]))
 
 
-def shifts_of(scene: TriangleScene, rays: list[ScanRays], rows: np.ndarray, most: float) -> dict[int, Shift]:
-    """Of some columns, by their rows, those that stand up to `most` [m] off their places."""
-    return shifts_by(scene, (beside_columns(scene, one, most) for one in rays), rows, most)
+def shifts_of(scene: TriangleScene, shown: Iterable[Beside], rows: np.ndarray, most: float) -> dict[int, Shift]:
+    """Of some columns, by their rows, those that stand up to `most` [m] off their places, by what each scan shows.
 
-
-def shifts_by(scene: TriangleScene, shown: Iterable[Beside], rows: np.ndarray, most: float) -> dict[int, Shift]:
-    """The same by what each scan shows about columns; one scan is held at a time, and of it what is about `rows`."""
+    One scan is held at a time, and of it what is about `rows`.
+    """
     place = {int(row): number for number, row in enumerate(columns_of(scene)) if row in rows}
     about: dict[int, list[np.ndarray]] = {row: [] for row in place}
     for one in shown if place else ():

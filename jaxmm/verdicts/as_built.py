@@ -14,7 +14,7 @@ import numpy as np
 from jaxmm.classes.selection import CLASSES
 from jaxmm.deviations.deviation import Deviation, Faces, deviations_by, is_told, shifted
 from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
-from jaxmm.deviations.shifted_columns import Beside, columns_of, shifts_by
+from jaxmm.deviations.shifted_columns import Beside, columns_of, shifts_of
 from jaxmm.deviations.tolerances import DeviationSettings
 from jaxmm.verdicts.behind_removed import filling
 from jaxmm.verdicts.placement import Placed
@@ -70,7 +70,7 @@ def as_built(
     moved = {row: _step(one) for row, one in found.items() if _is_off(one)}
     # What stands beside its place is where its rays pass.
     lost = [row for row in columns_of(prior.scene) if row not in found or found[row].stands < WHOLLY]
-    shifts = shifts_by(prior.scene, beside, np.array(lost, int), limits.most)
+    shifts = shifts_of(prior.scene, beside, np.array(lost, int), limits.most)
     if shifts:
         there = _with_moved(prior, moved | {row: (one.step, np.zeros(3)) for row, one in shifts.items()}, found)
         laid = deviations_by(there.scene, again(there, np.array(list(shifts))), tolerance)

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxmm.deviations.deviation import deviations_of
 from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
-from jaxmm.deviations.shifted_columns import columns_of, shifts_of
+from jaxmm.deviations.shifted_columns import beside_columns, columns_of, shifts_of
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
 from tests.cases.box_building import building_of
 from warp_scanner.scenes.building import Triangles
@@ -185,13 +185,13 @@ def test_a_column_beside_its_place_is_found_by_its_shape(step):
     real = seen(moved(hall(), COLUMN, step))
     scene = prepare(hall())
     assert COLUMN in columns_of(scene) and FREE not in columns_of(scene)
-    found = shifts_of(scene, [real], np.array([COLUMN]), 0.3)[COLUMN]
+    found = shifts_of(scene, [beside_columns(scene, real, 0.3)], np.array([COLUMN]), 0.3)[COLUMN]
     assert np.all(np.abs(found.step[:2] - step[:2]) <= found.half + 0.01) and np.all(found.half <= 0.07)
 
 
 def test_a_column_in_its_place_or_far_from_it_is_not_found_beside_it():
     scene, rows = prepare(hall()), np.array([COLUMN])
     for step in ((0.0, 0.0, 0.0), (0.6, 0.2, 0.0)):
-        assert not shifts_of(scene, [seen(moved(hall(), COLUMN, step))], rows, 0.3)
+        assert not shifts_of(scene, [beside_columns(scene, seen(moved(hall(), COLUMN, step)), 0.3)], rows, 0.3)
     gone = building_of(HALL[:COLUMN]).triangles
-    assert not shifts_of(scene, [seen(gone)], rows, 0.3)
+    assert not shifts_of(scene, [beside_columns(scene, seen(gone), 0.3)], rows, 0.3)
