@@ -96,7 +96,7 @@ def detect(
             shared = Shared(Path(model), settings)
             with kept_stations(found, shared, work, reading, read) as stations:
                 del found
-                stations.each(read_station, read, reading)
+                stations.each(read_station, read, reading, may_leave_out=True)
                 detection = detect_stations(read, stations, settings)
     except Misfit as error:
         others = frames_that_fit(read, sources, reading) - {""}

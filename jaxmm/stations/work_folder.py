@@ -141,12 +141,13 @@ class KeptStations:
         self._results, self._shared, self._keep_going, self._bar = how
         self.left_out: list[str] = []
 
-    def each(self, step: Callable[..., Any], prior: Prior, *arguments: Any) -> list[Any]:
+    def each(self, step: Callable[..., Any], prior: Prior, *arguments: Any, may_leave_out: bool = False) -> list[Any]:
         """What a step gives of each station, in their order; those that cannot be used may be left out from then on.
 
         Raises:
             InputError: of the first station that cannot be used; all of them, if they may be left out.
         """
+        keep_going = self._keep_going and may_leave_out
         stored = self._stored(prior)
         key = digest_of(step.__name__, stored, arguments)
         rows = [row._replace(digest=digest_of(row.digest, key)) for row in self._rows]
@@ -155,14 +156,12 @@ class KeptStations:
         errors: dict[int, InputError] = {}
         self._bar.total = max(self._bar.total, self._bar.n + len(rows))
         self._bar.update(len(rows) - len(missing))
-        tasks = (
-            (row.number, row.digest, tuple(row.files.items())) for row in missing if not errors or self._keep_going
-        )
+        tasks = ((row.number, row.digest, tuple(row.files.items())) for row in missing if not errors or keep_going)
         for (number, *_), error in self._results(function, tasks):
             self._bar.update()
             if error is not None:
                 errors[number] = {"Misfit": Misfit}.get(error[0], InputError)(error[1])
-        if errors and (not self._keep_going or len(errors) == len(rows)):
+        if errors and (not keep_going or len(errors) == len(rows)):
             raise errors[min(errors)]
         self.left_out += [f"left out: {errors[number]}" for number in sorted(errors)]
         given, self._rows = [], []

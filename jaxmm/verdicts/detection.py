@@ -85,11 +85,11 @@ def detect_stations(prior: Prior, stations: Stations, settings: DetectSettings) 
         prior = prior._replace(notes=(*prior.notes, *unasked(prior.building, asked)))
     if settings.settle and beyond_thesis:
         prior = without_stray(prior)
-    stations.each(lay_station, prior)
+    stations.each(lay_station, prior, may_leave_out=True)
     watch.lap("registration")
     if beyond_thesis:
         prior = without_hanging(prior, asked)
-    shown = stations.each(face_station, prior)
+    shown = stations.each(face_station, prior, may_leave_out=True)
     stood = [one.stood for one in shown]
     drawn_prior, stands = prior, _as_built(prior, stations, [one.faces for one in shown], settings)
     prior = stands.prior

@@ -56,8 +56,11 @@ class Stations(Protocol):
 
     left_out: Sequence[str]  # why some do not count any more, a line each
 
-    def each(self, step: Callable[..., Any], prior: Prior, *arguments: Any) -> list[Any]:
-        """What step(context, shelf, *arguments) gives of each station, in their order, wherever it is done."""
+    def each(self, step: Callable[..., Any], prior: Prior, *arguments: Any, may_leave_out: bool = False) -> list[Any]:
+        """What step(context, shelf, *arguments) gives of each station, in their order, wherever it is done.
+
+        Only where it says so may one that cannot be used be left out: later, what it showed counts already.
+        """
 
     def kept(self, load: Callable[[Shelf], Any]) -> Sequence[Any]:
         """Of each station something from its shelf, which is loaded when it is asked for."""
@@ -72,8 +75,8 @@ class HeldStations:
         self._shelves = shelves
         self._judges, self._settings = judges, settings
 
-    def each(self, step: Callable[..., Any], prior: Prior, *arguments: Any) -> list[Any]:
-        """One after another."""
+    def each(self, step: Callable[..., Any], prior: Prior, *arguments: Any, may_leave_out: bool = False) -> list[Any]:
+        """One after another; none is left out."""
         context = Context(prior, self._judges, self._settings)
         return [step(context, shelf, *arguments) for shelf in self._shelves]
 

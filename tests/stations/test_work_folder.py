@@ -16,6 +16,7 @@ from jaxmm.learning.prediction import read_judges
 from jaxmm.reports.report_json import to_json
 from jaxmm.stations import work_folder
 from jaxmm.stations.work_folder import Work
+from jaxmm.verdicts import station_steps
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.priors import read_prior
 from jaxmm.verdicts.settings import DetectSettings
@@ -158,6 +159,22 @@ def test_a_bad_file_is_named_and_left_out_only_if_asked(site, tmp_path, monkeypa
     far = site.poses[0]._replace(position=np.array([300.0, 0.0, 1.5]))
     with pytest.raises(InputError, match=r"0\.npy: the prior has nothing in view"):  # what ended it
         detect(site.model, [site.scans[0], bad], [far, far], work=Work(keep_going=True))
+
+
+def test_what_fails_once_all_are_counted_ends_it_in_one_line(site, monkeypatch):
+    """Though bad scans may be left out: what it showed of faces and poses is part of all results by then."""
+    by_hand(monkeypatch)
+    looks, look_at = [], station_steps.look_at
+
+    def failing(*words):
+        looks.append(words)
+        if len(looks) == 2:
+            raise ValueError("nothing to look at")
+        return look_at(*words)
+
+    monkeypatch.setattr(station_steps, "look_at", failing)
+    with pytest.raises(InputError, match=r"^1\.npy: nothing to look at$"):
+        detect(site.model, site.scans, site.poses, settings=SETTINGS, work=Work(keep_going=True))
 
 
 def test_equal_stations_and_no_workers_are_refused_in_one_line(site, tmp_path):

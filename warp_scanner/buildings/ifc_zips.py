@@ -33,6 +33,7 @@ def ifc_text(path: Path) -> bytes:
         with zipfile.ZipFile(path) as archive:
             member = _model_in(path, archive)
             text = archive.read(member)  # no more than the archive says, or it raises
+    # What zipfile raises of a packing that it does not know (NotImplementedError), and of a password (RuntimeError).
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         why = " ".join(str(error).split())[:100] or type(error).__name__
         raise ValueError(f"{path}: expected a zip archive that holds an IFC file, found it damaged ({why})") from error
