@@ -1,4 +1,4 @@
-"""Mismatches and displaced elements as topics of BCF (BIM Collaboration Format) 3.0 or 2.1, which BIM tools open.
+"""What was found as topics of BCF (BIM Collaboration Format) 3.0 or 2.1, which BIM tools open.
 
 bcf.version, project.bcfp and extensions.xml (2.1: extensions.xsd); then a folder per topic with markup.bcf (what is
 said), viewpoint.bcfv (where to look from, and at what) and snapshot.png. Coordinates are those of the prior: metres,
@@ -14,6 +14,7 @@ from jaxmm.inputs import InputError
 from jaxmm.reports.archives import write_zip
 from jaxmm.reports.bcf_displaced import displaced_topics
 from jaxmm.reports.bcf_layouts import LAYOUTS, head, markup, viewpoint, xml
+from jaxmm.reports.bcf_others import removed_topics, thing_topics
 from jaxmm.reports.bcf_overview import overview_topic
 from jaxmm.reports.bcf_request import VERSIONS, NewElement
 from jaxmm.reports.bcf_topics import topics_of
@@ -29,10 +30,11 @@ def write_bcf(
     version: str = VERSIONS[0],
     new: Mapping[int, NewElement] | None = None,
 ) -> None:
-    """Write mismatches.bcf, whole or not at all: one topic per mismatch and displaced element, or none.
+    """Write mismatches.bcf, whole or not at all: one topic per mismatch, displaced or removed element, or none.
 
-    Two topics or more come behind one about all of them. The topics' GUIDs follow from the project and from what
-    changed where, so a second run names the same mismatch the same, and equal arguments give equal bytes.
+    What is not in the model comes last, see `bcf_others.thing_topics`. Two topics or more come behind one about all of
+    them. The topics' GUIDs follow from the project and from what changed where, so a second run names the same mismatch
+    the same, and equal arguments give equal bytes.
 
     Args:
         path: the file.
@@ -51,7 +53,11 @@ def write_bcf(
         raise InputError(f"BCF: expected version {' or '.join(VERSIONS)}, got {version!r}")
     when = when or datetime.now(UTC)
     when = when.replace(tzinfo=UTC) if when.tzinfo is None else when.astimezone(UTC)
-    layout, topics = LAYOUTS[version], (*topics_of(detection, project, new), *displaced_topics(detection, project))
+    layout = LAYOUTS[version]
+    topics = (
+        *topics_of(detection, project, new), *removed_topics(detection, project),
+        *displaced_topics(detection, project), *thing_topics(detection, project),
+    )  # fmt: skip
     files = head(layout, project)
     for number, topic in enumerate((*overview_topic(detection, project, topics), *topics)):
         files[f"{topic.guid}/"] = b""  # readers rely on folders being listed

@@ -11,7 +11,8 @@ from functools import partial
 import numpy as np
 
 from jaxmm.reports.bcf_displaced import element_box
-from jaxmm.reports.bcf_topics import OVERVIEW, PRIORITIES, Topic, one_line, project_guid
+from jaxmm.reports.bcf_others import MOST_THINGS, removed_boxes, thing_box
+from jaxmm.reports.bcf_topics import OVERVIEW, PRIORITIES, UNEXPLAINED, Topic, one_line, project_guid
 from jaxmm.reports.deviation_words import displaced
 from jaxmm.reports.snapshots import Camera, corners_of, picture_of_all, stepped_back
 from jaxmm.verdicts.results import Detection, Mismatch
@@ -21,6 +22,7 @@ DOWN = np.array([0.0, 0.5, -0.866])  # of the line of sight: north is at the top
 LEAST_REACH = 4.0  # [m] about the middle that is shown, so that one knows the place
 CUT_HEIGHT, CUT_SHARE = 2.0, 0.75  # [m] above its foot, and share of its height: the lower one keeps the ceiling out
 MOST_LISTED = 50
+WORDS = {"added": "added", "removed": "removed", "displaced": "displaced", UNEXPLAINED: "else not in the model"}
 
 
 def overview_topic(detection: Detection, project: str, topics: tuple[Topic, ...]) -> tuple[Topic, ...]:
@@ -29,10 +31,14 @@ def overview_topic(detection: Detection, project: str, topics: tuple[Topic, ...]
         return ()
     drawing = detection.drawing
     places = [element_box(drawing, one) for one in displaced(detection.elements)]
-    boxes = [*detection.mismatches, *(box for box in places if box is not None)]
-    camera, cut = camera_above(boxes), cut_of(boxes)
+    removed, things = [box for _, box in removed_boxes(detection)], list(map(thing_box, detection.unexplained))
+    boxes = [*detection.mismatches, *removed, *(box for box in places if box is not None)]
+    cut = cut_of(boxes or things)  # what hangs from a ceiling is none to keep it for
+    boxes += things[:MOST_THINGS]
+    camera = camera_above(boxes)
     count = Counter(one.mismatch_type for one in boxes)
-    words = ", ".join(f"{count[change]} {change}" for change in ("added", "removed", "displaced") if count[change])
+    count[UNEXPLAINED] = len(things)
+    words = ", ".join(f"{count[change]} {word}" for change, word in WORDS.items() if count[change])
     doubts = [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
     lines = [*doubts, *(f"- {topic.title}" for topic in topics[:MOST_LISTED])]
     if len(topics) > MOST_LISTED:

@@ -23,8 +23,9 @@ from jaxmm.verdicts.verdicts import DISPLACED
 
 PRIORITIES = (("High", 0.9), ("Normal", 0.7), ("Low", 0.0))  # by the least probability of each
 MOVED = "moved"
-LABELS = (*OBJECT_TYPES, *MISMATCH_TYPES, MOVED, DISPLACED)
-MISMATCH, DEVIATION, OVERVIEW = TOPIC_TYPES = ("Mismatch", "Deviation", "Overview")
+UNEXPLAINED = "unexplained"
+LABELS = (*OBJECT_TYPES, *MISMATCH_TYPES, MOVED, DISPLACED, UNEXPLAINED)
+MISMATCH, DEVIATION, OVERVIEW, _ = TOPIC_TYPES = ("Mismatch", "Deviation", "Overview", UNEXPLAINED.capitalize())
 
 LEAST_TURN = 0.5  # [deg] that is worth a word
 SQUARE = 0.005  # [m] by which sides may differ that are called equal
@@ -80,7 +81,7 @@ def topics_of(detection: Detection, project: str, new: Mapping[int, NewElement] 
         topics.append(Topic(
             guids[index], title_of(one, detection), "\n".join(lines),
             (one.object_type, one.mismatch_type, *((MOVED,) if twins else ())),
-            next((name for name, least in PRIORITIES if one.probability >= least), PRIORITIES[-1][0]),
+            priority_of(one.probability),
             tuple(guids[twin] for twin in twins), camera, partial(snapshot, mismatch=one, camera=camera),
             selected=(element,) if element else (),
             painted=((COLORS[one.mismatch_type], element),) if element else (),
@@ -92,10 +93,15 @@ def topics_of(detection: Detection, project: str, new: Mapping[int, NewElement] 
 
 def title_of(mismatch: Mismatch, detection: Detection) -> str:
     """A line that tells it from others in a list: "Removed wall 'W-12' at x 3.20, y -0.35 m"."""
-    told = next((one for one in detection.elements if one.guid == mismatch.element), None)
+    told = next((one for one in detection.elements if one.key == mismatch.key), None)
     name = f" '{one_line(told.name)}'" if told is not None and told.name else ""
     x, y = (number(value) for value in mismatch.center[:2])
     return f"{mismatch.mismatch_type.capitalize()} {mismatch.object_type}{name} at x {x}, y {y} m"
+
+
+def priority_of(probability: float) -> str:
+    """One of PRIORITIES."""
+    return next((name for name, least in PRIORITIES if probability >= least), PRIORITIES[-1][0])
 
 
 def project_guid(project: str) -> uuid.UUID:
@@ -131,6 +137,12 @@ def element_words(told: ElementVerdict) -> str:
     words.append(f"file {one_line(told.file)}" if told.file else "")
     same = "".join(f" The same as {one_line(guid)} of {one_line(file)}." for file, guid in told.same_as)
     return f"Element of the model: {', '.join(word for word in words if word)}.{same}"
+
+
+def evidence_words(told: ElementVerdict) -> str:
+    """What rays did at an element, a sentence."""
+    counts = ", ".join(f"{count} {name}" for name, count in zip(FRACTIONS, told.rays, strict=True))
+    return f"Evidence: {told.points} points of the model's scan lie on it; of the robot's rays there, {counts}."
 
 
 def files_about(mismatch: Mismatch, detection: Detection) -> tuple[PriorFile | Source, ...]:
@@ -177,5 +189,4 @@ def _facts(mismatch: Mismatch, detection: Detection) -> Iterator[str]:
         return
     yield element_words(told)
     yield f"Its verdict is {told.verdict}; the probability that it was removed is {chance(told.probability)}."
-    counts = ", ".join(f"{count} {name}" for name, count in zip(FRACTIONS, told.rays, strict=True))
-    yield f"Evidence: {told.points} points of the model's scan lie on it; of the robot's rays there, {counts}."
+    yield evidence_words(told)

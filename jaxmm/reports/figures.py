@@ -23,7 +23,7 @@ from jaxmm.learning.calibration import RELIABILITY_BINS, Reliability, brier, cal
 
 # Told apart with every kind of colour blindness: M. Okabe and K. Ito, "Color universal design", 2008.
 BLACK, ORANGE, GREEN, BLUE, VERMILLION = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
-GREY, PALE, PURPLE = "#7F7F7F", "#BCC2C9", "#CC79A7"
+GREY, PALE, PURPLE, SKY = "#7F7F7F", "#BCC2C9", "#CC79A7", "#56B4E9"
 COLOR_DISPLACED = "#B36B00"  # orange, dark enough for lines
 COLOR_ADDED, COLOR_REMOVED, COLOR_HIDDEN = BLUE, VERMILLION, PURPLE  # in what is told of a building, and on the page
 STYLE = {

@@ -17,7 +17,7 @@ from jaxmm.reports.markdown import (
     sizes,
     words_of_table,
 )
-from jaxmm.reports.verdict_words import VERDICT_WORDS
+from jaxmm.reports.verdict_words import UNEXPLAINED_WORDS, VERDICT_WORDS
 from jaxmm.verdicts.results import Detection
 from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED
 
@@ -33,6 +33,7 @@ def detection_html(detection: Detection) -> str:
         _plan(detection),
         _mismatches(detection),
         _displaced(detection),
+        _unexplained(detection),
         _verdicts(detection),
         *(_elements(detection, verdict) for verdict in (REMOVED, OCCLUDED)),
         "".join(f"<p>{_text(note)}</p>" for note in detection.notes),
@@ -83,6 +84,21 @@ def _displaced(detection: Detection) -> str:
     more = f"<p>and {len(found) - MOST_LISTED} more</p>" if len(found) > MOST_LISTED else ""
     words = f"{summary_of(detection.elements)} {NORTH_WORDS} {INTERVAL_WORDS}"
     return f"<p>{len(found)} displaced:</p><ol>{listed}</ol>{more}<p>{_text(words)}</p>"
+
+
+def _unexplained(detection: Detection) -> str:
+    """What else is not in the model, those with most points first."""
+    things = detection.unexplained
+    if not things:
+        return ""
+    rows = (
+        (index, metres(one.center), metres(one.dimensions), number(one.rotation, 0), one.points)
+        for index, one in enumerate(things[:MOST_LISTED], 1)
+    )
+    table = _table(("", "centre [m]", "size [m]", "rotation [°]", "points"), rows)
+    more = f"<p>and {len(things) - MOST_LISTED} more</p>" if len(things) > MOST_LISTED else ""
+    summary = f"{len(things)} not in the model"
+    return f"<details><summary>{summary}</summary><p>{_text(UNEXPLAINED_WORDS)}</p>{table}{more}</details>"
 
 
 def _verdicts(detection: Detection) -> str:

@@ -13,14 +13,14 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from jaxmm.reports.figures import BLACK, COLOR_ADDED, COLOR_DISPLACED, COLOR_REMOVED, UNDATED, styled
+from jaxmm.reports.figures import BLACK, COLOR_ADDED, COLOR_DISPLACED, COLOR_REMOVED, SKY, UNDATED, styled
 from jaxmm.reports.markdown import chance
 from jaxmm.verdicts.results import Detection, Drawing, Mismatch, Pose
 
 FIELD_OF_VIEW = 60.0  # [deg] upright; viewers of BCF are only sure to know 45 to 60
 ASPECT_RATIO = 4 / 3  # width over height
 # Of boxes, and of points that surely changed.
-COLORS = {"added": COLOR_ADDED, "removed": COLOR_REMOVED, "displaced": COLOR_DISPLACED}
+COLORS = {"added": COLOR_ADDED, "removed": COLOR_REMOVED, "displaced": COLOR_DISPLACED, "unexplained": SKY}
 EDGES = np.array([(a, b) for a in range(8) for b in range(8) if a < b and (a ^ b) in (1, 2, 4)])  # (12, 2) corners
 _FACES = np.array([(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)])
 _INCHES = (6.4, 4.8)

@@ -26,6 +26,10 @@ _OFF = (
     "turn [deg]", "lean [deg]", "flatness [mm]", "seen in tolerance [%]", "rays on it", "LOA", "DIN 18202",
 )  # fmt: skip
 _RAYS = ("P(removed) [%]", "rays through", "rays on its place", "rays blocked", "rays unseen")
+_THING = (
+    "number", "centre x [mm]", "centre y [mm]", "centre z [mm]", "length [mm]", "width [mm]", "height [mm]",
+    "rotation [deg]", "points",
+)  # fmt: skip
 _WIDTHS = {"name": 34, "in words": 46, "GlobalId": 26, "storey": 18, "class": 18, "file": 22}
 _DATES = re.compile(rb"<dcterms:(created|modified)[^>]*>[^<]*</dcterms:\1>")
 _NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")  # what a cell cannot hold
@@ -35,7 +39,8 @@ def write_workbook(path: Path, detection: Detection) -> bool:
     """Write the workbook, whole or not at all; False, and nothing is written, where openpyxl is not installed.
 
     Lengths are in millimetres, to a tenth. The sheet "Displaced" has a row for each displaced element, "Measured" for
-    each whose place was measured, both the worst first, and "Elements" one for each that has a verdict.
+    each whose place was measured, both the worst first, "Elements" one for each that has a verdict, and "Not in the
+    model" one for each thing that is neither a new wall nor a new column.
 
     Raises:
         OSError: it cannot be written.
@@ -51,6 +56,10 @@ def write_workbook(path: Path, detection: Detection) -> bool:
     add_sheet(book, "Displaced", (*_WHO, *_OFF, "sentence"), off)
     add_sheet(book, "Measured", (*_WHO, *_OFF), [[*_who(one), *_off(one)] for one in measured(elements)])
     add_sheet(book, "Elements", (*_WHO, *_OFF, *_RAYS), [[*_who(one), *_off(one), *_rays(one)] for one in elements])
+    add_sheet(book, "Not in the model", _THING, [
+        [number, *map(_millimetres, (*one.center, *one.dimensions)), float(one.rotation), one.points]
+        for number, one in enumerate(detection.unexplained, 1)
+    ])  # fmt: skip
     write_book(path, book)
     return True
 
@@ -76,6 +85,10 @@ def _off(one: ElementVerdict) -> list[Any]:
         *lengths, offset_in_words(told), *offset, told.turn, told.lean, 1000.0 * told.flatness, 100.0 * told.coverage,
         told.rays, told.classes["loa"], told.classes["din18202"],
     ]  # fmt: skip
+
+
+def _millimetres(metres: float) -> float:
+    return 1000.0 * float(metres)
 
 
 def _rays(one: ElementVerdict) -> list[Any]:
