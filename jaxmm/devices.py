@@ -3,12 +3,15 @@
 import contextlib
 import importlib.util
 import os
+import sys
 from collections.abc import Iterator
 from importlib.metadata import entry_points
 
 from jaxmm.inputs import InputError
 
 ASKED = "JAX_PLATFORMS"
+PRECISION = "JAX_ENABLE_X64"
+_YES = ("y", "yes", "t", "true", "on", "1")  # as JAX reads it
 BUILT_IN = ("cpu", "tpu")  # platforms that JAX knows without a plugin
 
 
@@ -41,8 +44,26 @@ def has_plugin() -> bool:
 
 @contextlib.contextmanager
 def single_precision() -> Iterator[None]:
-    """JAX computes in single precision inside, as our models were trained, whatever JAX_ENABLE_X64 says."""
-    import jax
+    """JAX computes in single precision inside, as our models were trained, whatever JAX_ENABLE_X64 says.
 
-    with jax.enable_x64(False):
+    Where JAX is not loaded yet, it is not loaded for that: it takes over a second, and most detections need none of it.
+    """
+    if "jax" in sys.modules:
+        import jax
+
+        with jax.enable_x64(False):
+            yield
+        return
+    said = os.environ.get(PRECISION)
+    os.environ[PRECISION] = "0"  # which JAX reads when it is first imported
+    try:
         yield
+    finally:
+        if said is None:
+            del os.environ[PRECISION]
+        else:
+            os.environ[PRECISION] = said
+        if said is not None and "jax" in sys.modules:  # by now: whoever calls next finds it as the environment says
+            import jax
+
+            jax.config.update("jax_enable_x64", said.strip().lower() in _YES)

@@ -58,3 +58,27 @@ def test_inside_arrays_are_of_single_precision_and_outside_as_before():
         with devices.single_precision():
             assert jnp.zeros(3).dtype == jnp.float32
         assert jnp.zeros(3).dtype == jnp.float64
+
+
+INSIDE = """
+import os, sys
+from jaxmm.devices import single_precision
+with single_precision():
+    assert "jax" not in sys.modules, "loaded for nothing"
+    import jax.numpy
+    assert jax.numpy.zeros(3).dtype == jax.numpy.float32
+assert jax.numpy.zeros(3).dtype == jax.numpy.{outside}
+assert os.environ.get("JAX_ENABLE_X64") == {said!r}
+"""
+
+
+OUTSIDE = [("1", "float64"), ("True", "float64"), ("0", "float32"), (None, "float32")]
+
+
+@pytest.mark.parametrize(("said", "outside"), OUTSIDE)
+def test_jax_is_not_loaded_to_be_told_so_and_then_does_as_the_environment_says(said, outside):
+    environment = {name: value for name, value in os.environ.items() if name != devices.PRECISION}
+    environment |= {} if said is None else {devices.PRECISION: said}
+    asked = [sys.executable, "-c", INSIDE.format(outside=outside, said=said)]
+    done = subprocess.run(asked, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

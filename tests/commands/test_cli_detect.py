@@ -1,6 +1,8 @@
 """`jaxmm detect` as a user runs it: files in, a folder of reports out; what cannot be used is refused in one line."""
 
 import json
+import subprocess
+import sys
 from importlib.util import find_spec
 
 import numpy as np
@@ -45,6 +47,21 @@ def report(files, tmp_path_factory):
     assert cli.main([str(argument) for argument in arguments]) == 0
     assert ifc.read_bytes() == before
     return out
+
+
+NOT_NEEDED = ("jax", "flax", "sklearn", "optax", "orbax", "matplotlib")  # a second and more, of libraries that train
+
+
+def test_it_loads_nothing_that_it_does_not_need(files, tmp_path):
+    ifc, scan, pose, _ = files
+    code = (
+        "import sys; from jaxmm.commands.cli import main; sys.argv[1:1] = ['detect']; code = main(); "
+        f"print([name for name in {NOT_NEEDED} if name in sys.modules]); sys.exit(code)"
+    )
+    words = [ifc, scan, "--pose", pose, "--sensor", "oak-d-pro-small", "--out", tmp_path / "out"]
+    done = subprocess.run([sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 def test_everything_is_written_and_nothing_else(report):
