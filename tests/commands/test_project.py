@@ -92,6 +92,23 @@ def test_one_wall_of_two_trades_gets_one_verdict(project):
     assert sum(one == {"removed", "present"} for one in verdicts.values()) == 2
 
 
+def test_one_wall_of_a_trade_and_its_pieces_of_another_get_one_verdict(project, tmp_path):
+    folder, detection = project
+    (x, y, z), (long, thick, high), kind = WALL_GONE
+    pieces = [((x + way * long * 2.0 / 3.0, y, z), (long / 3.0, thick, high), kind) for way in (-1.0, 0.0, 1.0)]
+    write_room(tmp_path / "mason.ifc", table_of(pieces), 0)
+    again = detected(folder / "model/shell.ifc", folder / "scan.ply", [tmp_path / "mason.ifc"])
+    (wall,) = [one for one in again.mismatches if one.mismatch_type == "removed"]
+    gone = [one for one in again.elements if one.verdict == "removed"]
+    assert sorted(one.file for one in gone) == ["mason.ifc"] * 3 + ["shell.ifc"]
+    assert all({one.key, *one.same_as} == {each.key for each in gone} for one in gone)
+    before = next(one for one in detection.mismatches if one.object_type == "wall" and one.mismatch_type == "removed")
+    np.testing.assert_allclose(wall.center, before.center, atol=1e-6)
+    write_all(again, folder / "model/shell.ifc", tmp_path / "out", also=[tmp_path / "mason.ifc"])
+    undo = json.loads((tmp_path / "out/updated" / UNDO).read_text())
+    assert {path.name for path in (tmp_path / "out/updated").glob("*.ifc")} == {"mason.ifc", "shell.ifc"}, undo
+
+
 def test_files_one_by_one_and_in_any_order_tell_the_same(project):
     folder, detection = project
     model = folder / "model"

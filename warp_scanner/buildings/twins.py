@@ -1,6 +1,6 @@
-"""Elements that two files of a building both have: at the same place, and of the same extent.
+"""Elements that two files of a building both have: at the same place, and of the same extent, whole or in pieces.
 
-The architect's wall is the mason's, too. One of both keeps its triangles, or rays that end on the one would speak
+The architect's wall is the mason's, too. One of all keeps its triangles, or rays that end on the one would speak
 against the other. E elements; offsets from the building's origin, metres, z up.
 """
 
@@ -10,42 +10,71 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from warp_scanner.buildings.changes import Change, of_element
+from warp_scanner.buildings.pieces import SAME, may_be_same, pieced_elements
 from warp_scanner.scenes.building import Building, Twin, element_bounds
 from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import OTHER
 
-# Of the box about both, along the axes of one, that each fills. Trades end walls differently at corners, so that short
-# ones differ by a third; two layers of one wall stand side by side and share nothing.
-SAME = 0.7
 OPEN = 0.1  # share of its box by which one must be emptier than the other to be the one with openings
 _REACH = 0.5  # times its longest edge, within which the corners of the other must be
 
 
 def with_twins(building: Building) -> tuple[Building, tuple[str, ...]]:
-    """The building with one of each such pair in its table, which names the other as its twin; and notes.
+    """The building with one of all that are the same in its table, which names the others as its twins; and notes.
 
-    Kept is the one with openings that the other lacks, else the larger, else the first by its file's name.
+    Kept is, of what is whole in its file, the one with openings that the others lack, else the larger, else the first
+    by its file's name. It has the surface of the pieces where these have openings that it lacks.
     """
-    pairs = _pairs(building)
-    if not pairs:
+    pairs, pieced = _pairs(building), pieced_elements(building)
+    if not pairs and not pieced:
         return building, ()
     group: dict[int, list[int]] = {}
+    pieced = [(one, pieces) for one, pieces in pieced if _join(building, group, one, pieces)]
+    parts = {row for _, pieces in pieced for row in pieces}
     for one, other, _ in pairs:
-        first, second = (group.setdefault(row, [row]) for row in (one, other))
-        files = {building.elements.file[row] for row in first}
-        if files.isdisjoint(building.elements.file[row] for row in second):  # no two of one file are the same
-            first += second
-            group |= dict.fromkeys(second, first)
-    share = {row: _share(building, row) for pair in pairs for row in pair[:2]}
+        if _join(building, group, one, (other,)) and not parts.isdisjoint((one, other)):
+            parts.update((one, other))  # what is the same as a piece is one
+    share = {row: _share(building, row) for row in group}
     gone, twins = [], list(building.elements.twins)
     for rows in {id(rows): rows for rows in group.values() if len(rows) > 1}.values():
-        kept = _kept(building, rows, share)
+        kept = _kept(building, [row for row in rows if row not in parts], share)
         others = sorted(row for row in rows if row != kept)
         twins[kept] = tuple(_twin(building, row) for row in others)
         gone += others
-    told = _said(building, twins)
+        building = _with_openings(building, kept, [pieces for one, pieces in pieced if one in rows], share)
+    told = _said(building, {row: own for row, own in enumerate(twins) if own}, pieced)
     building = building._replace(elements=building.elements._replace(twins=tuple(twins)))
     return without(building, np.array(gone, int)), told
+
+
+def _join(building: Building, group: dict[int, list[int]], one: int, others: tuple[int, ...]) -> bool:
+    """Put an element and others, of one file, into one group; False where that would be two wholes of one file."""
+    first = group.setdefault(one, [one])
+    joined = {row: None for other in others for row in group.setdefault(other, [other])}
+    files = {building.elements.file[row] for row in first}
+    if not files.isdisjoint(building.elements.file[row] for row in joined):
+        return False
+    first += joined
+    group |= dict.fromkeys(joined, first)
+    return True
+
+
+def _with_openings(
+    building: Building, kept: int, pieced: list[tuple[int, ...]], share: dict[int, tuple[float, float]]
+) -> Building:
+    """The building in which an element has the surfaces of pieces that leave more of its box open than it does."""
+    filled = share[kept][1]
+    for pieces in pieced:
+        volume = sum(share[row][0] for row in pieces)
+        if sum(np.prod(share[row]) for row in pieces) < (filled - OPEN) * volume:
+            triangles = building.triangles
+            taken = np.isin(triangles.element, pieces)
+            left = taken | (triangles.element != kept)
+            element = np.where(taken, np.int32(kept), triangles.element)[left]
+            clear = None if building.clear is None else building.clear[left]
+            triangles = triangles._replace(faces=triangles.faces[left], element=element)
+            return building._replace(triangles=triangles, clear=clear)
+    return building
 
 
 def _pairs(building: Building) -> list[tuple[int, int, float]]:
@@ -57,20 +86,13 @@ def _pairs(building: Building) -> list[tuple[int, int, float]]:
     found = []
     for one, others in enumerate(near):
         for other in others:
-            if other > one and _may_be(building, one, other):
+            if other > one and may_be_same(building, one, other):
                 for row in (one, other):
                     changes.setdefault(row, of_element(building, row))
                 alike = common(changes[one], changes[other])
                 if alike >= SAME:
                     found.append((one, other, alike))
     return sorted(found, key=lambda pair: (-pair[2], pair[:2]))
-
-
-def _may_be(building: Building, one: int, other: int) -> bool:
-    """Whether two elements are of different files, and of one class, as far as both have one."""
-    table = building.elements
-    kinds = {int(table.semantic[one]), int(table.semantic[other])}
-    return table.file[one] != table.file[other] and (len(kinds) == 1 or OTHER in kinds)
 
 
 def common(one: Change, other: Change) -> float:
@@ -112,15 +134,22 @@ def _twin(building: Building, row: int) -> Twin:
     )  # fmt: skip
 
 
-def _said(building: Building, twins: list[tuple[Twin, ...]]) -> tuple[str, ...]:
-    """Which files have elements in common, and how many."""
-    count = Counter(
-        tuple(sorted((file, twin.file)))
-        for file, own in zip(building.elements.file, twins, strict=True)
+def _said(
+    building: Building, twins: dict[int, tuple[Twin, ...]], pieced: list[tuple[int, tuple[int, ...]]]
+) -> tuple[str, ...]:
+    """Which files have elements in common, how many, and which of them in pieces."""
+    table = building.elements
+    part = {(table.file[row], table.guid[row]) for _, pieces in pieced for row in pieces}
+    same = Counter(
+        tuple(sorted((table.file[row], twin.file)))
+        for row, own in twins.items()
         for twin in own
+        if (twin.file, twin.guid) not in part
     )
-    return tuple(
-        f"{times} {'element is' if times == 1 else 'elements are'} in {one} and in {other}, at the same place and of "
-        "the same extent: one verdict for both"
-        for (one, other), times in sorted(count.items())
-    )
+    cut = Counter((table.file[one], table.file[pieces[0]]) for one, pieces in pieced)
+    return (
+        *(f"{times} {'element is' if times == 1 else 'elements are'} in {one} and in {other}, at the same place and of "
+          "the same extent: one verdict for both" for (one, other), times in sorted(same.items())),
+        *(f"{times} {'element' if times == 1 else 'elements'} of {one} {'is' if times == 1 else 'are'} in {other} in "
+          "pieces: one verdict for all of them" for (one, other), times in sorted(cut.items())),
+    )  # fmt: skip
