@@ -97,6 +97,7 @@ COLUMN = [[-0.2, -0.2, 0.0], [0.2, 0.2, 3.0]]
     [
         ("Clearance", ("Clearance", "MODEL_VIEW")),
         ("Clearance", None),  # in the one context that all are in
+        (" CLEARANCE ", None),
         ("Reference", ("Reference", "MODEL_VIEW")),
         ("Box", ("Box", "MODEL_VIEW")),
         ("Body-FallBack", ("Body", "MODEL_VIEW")),
@@ -112,6 +113,13 @@ def test_only_bodies_count_all_of_them_and_whichever_comes_first(tmp_path, schem
     building = read(model.file, tmp_path)
     np.testing.assert_allclose(span(building, "column"), COLUMN, atol=1e-6)
     assert building.failures == () and building.elements.guid[1:] == ()
+
+
+@pytest.mark.parametrize("schema", ["IFC2X3", "IFC4", "IFC4X3"])
+def test_two_bodies_alone_are_one_shape(tmp_path, schema):
+    model = Model(schema)
+    model.product("IfcColumn", "column", model.box(*LOWER), model.box(*UPPER, "BODY "))
+    np.testing.assert_allclose(span(read(model.file, tmp_path), "column"), COLUMN, atol=1e-6)
 
 
 def test_what_has_no_body_is_named_with_what_it_has(tmp_path):

@@ -39,7 +39,7 @@ def keep_bodies(model: Any, products: list[Any]) -> dict[int, str]:
         if not bodies:
             names = ", ".join(sorted({_told(one) for one in every}))
             reasons[product.id()] = f"it has no body, only {names}" if every else "it has no body"
-        elif bodies != list(shown.Representations):
+        elif len(shown.Representations) > 1:
             shown.Representations = [bodies[0] if len(bodies) == 1 else _joined(model, bodies)]
     return reasons
 
@@ -51,12 +51,12 @@ def _bodies(every: list[Any]) -> list[Any]:
     return called or [
         one
         for one in shown
-        if _name(one).casefold() not in _NO_BODY and (one.RepresentationType or "").casefold() not in _NO_SOLID
+        if _name(one).casefold() not in _NO_BODY and (one.RepresentationType or "").strip().casefold() not in _NO_SOLID
     ]
 
 
 def _name(one: Any) -> str:
-    return one.RepresentationIdentifier or getattr(one.ContextOfItems, "ContextIdentifier", None) or ""
+    return (one.RepresentationIdentifier or getattr(one.ContextOfItems, "ContextIdentifier", None) or "").strip()
 
 
 def _told(one: Any) -> str:
