@@ -126,15 +126,16 @@ def deviations_of(
     return deviations_by(scene, [faces_of(scene, *one) for one in zip(rays, trust, strict=True)], tolerance)
 
 
-def faces_of(scene: TriangleScene, rays: ScanRays, trust: str) -> Faces:
+def faces_of(scene: TriangleScene, rays: ScanRays, trust: str, own: np.ndarray | None = None) -> Faces:
     """What one scan shows: its faces, and what all of them tell of its pose.
 
     Args:
         scene: the model.
         rays: of the scan, where it was placed.
         trust: in its pose, one of pose_errors.TRUSTS.
+        own: as of `meetings_of`.
     """
-    found = _fits(scene, meetings_of(scene, rays), columns_of(scene))
+    found = _fits(scene, meetings_of(scene, rays, own), columns_of(scene))
     poses = pose_errors([fit for _, fit in found], rays.position, trust)
     return Faces(rays.position, poses, [_seen(group, fit, poses[0], rays.position) for group, fit in found])
 

@@ -22,13 +22,14 @@ MOST_SLOPE = np.tan(np.radians(10.0))  # of a face off its place, against it
 BENT = np.radians(0.5)  # that normals of one face may differ by; of a bent one, slopes tell nothing
 LEAST_SIGMA = 0.0001  # [m] of exact rays
 CUT = 4.0  # standard deviations, beyond which a ray has no say
-ROUNDS = 10
+ROUNDS, SETTLED = 10, 1e-6  # [m] of level, and of slopes
 RADIUS = 0.002  # [m] that a shaft may be thicker or thinner than drawn, which looks like a shift toward the sensor
 OVAL = 0.05  # of the radius, that a round shaft may be off a circle
 UNKNOWN_SLOPE = 1.0  # of what tells no slope: far more than any
 LEAST_TOLD = 0.05  # of what a round body tells of its surest way, that it must tell of another
 LEAST_EXTENT = 0.02  # [m] standard deviation of ends along a face: less is an edge
 CELL = 0.1  # [m] of a face, within which rays err together
+ENOUGH_CELLS = 8  # whose means tell how much they err
 
 
 class Fit(NamedTuple):
@@ -102,16 +103,22 @@ def fits_of_curved(body: Meetings) -> list[Fit]:
         if np.array_equal(new, on):
             break
         on = new
+    through, measured = int(np.sum(left < -width)) * body.every, body.as_measured()
+    for _ in range(ROUNDS):
+        ways, apart = _laid(measured, circle, shift)
+        shift = shift + np.linalg.lstsq(ways[on], apart[on], rcond=None)[0]
+    ways, apart = _laid(measured, circle, shift)
+    sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(apart[on]))))
     worth = max(4.0, min(float(count_cells(body.end[on])), float(on.sum()))) / on.sum()
     square, axes = np.linalg.eigh(ways[on].T @ ways[on] * worth)
-    middle, looks = body.end[on].mean(axis=0), ways[on].sum(axis=0)
-    up = body.end[on][:, 2] - middle[2]
+    middle, looks = measured.end[on].mean(axis=0), ways[on].sum(axis=0)
+    up = measured.end[on][:, 2] - middle[2]
     if circle is not None:
         middle[:2] = circle[0] + shift  # a turn about its own axis moves no round shaft
     # How it leans: what is left, as it grows with the height.
-    both = np.linalg.lstsq(np.column_stack([ways[on], ways[on] * up[:, None]]), left[on], rcond=None)[0]
+    both = np.linalg.lstsq(np.column_stack([ways[on], ways[on] * up[:, None]]), apart[on], rcond=None)[0]
     shift, lean, high = shift + both[:2], both[2:], max(float(up.std()), LEAST_EXTENT)
-    through, found = int(np.sum(left < -width)) * body.every, []
+    left, found = _laid(body, circle, shift)[1], []
     for told, way in zip(square[::-1], axes.T[::-1], strict=True):
         if told < LEAST_TOLD * square[-1]:
             continue
@@ -210,36 +217,68 @@ def _plane_of_most(group: Meetings, place: np.ndarray) -> np.ndarray | None:
 
 
 def _fitted(group: Meetings, place: np.ndarray, frame: tuple[np.ndarray, np.ndarray], start: np.ndarray) -> Fit | None:
-    """Least squares about the rays of a start (K,) bool."""
+    """Least squares about the rays of a start (K,) bool: settled ranges tell which end on it, measured ones where."""
     normal, axes = frame
-    on, found = start, np.zeros(3)
-    for number in range(ROUNDS + 1):
-        middle = place[on].mean(axis=0)
-        rows = np.column_stack([np.ones(on.sum()), place[on] - middle])
-        found = np.linalg.lstsq(rows, group.off[on], rcond=None)[0]
-        left = group.off - found[0] - (place - middle) @ found[1:]
-        sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(left[on]))))
+    on = start
+    for _ in range(ROUNDS):
+        middle, found, left, sigma = _least_squares(group.off, place, on)
         width = min(max(CUT * sigma, 2.0 * LEAST_SIGMA), IN_PLACE)
         new = np.abs(left) < width
         if new.sum() < LEAST_RAYS or not _is_wide(place[new]) or np.abs(found[1:]).max() > MOST_SLOPE:
             return None
-        if number == ROUNDS or np.array_equal(new, on):
+        if np.array_equal(new, on):
             break
         on = new
+    measured = group.as_measured()
+    middle, found, apart, sigma = _least_squares(measured.off, measured.end @ axes.T, on)
     if abs(normal[2]) > STEEP and found[0] > IN_PLACE:
         return None  # a screed, or a ceiling that hangs below a slab, hides where the slab is
-    # Neighbours err alike: a cell counts as one.
-    worth = max(4.0, min(float(count_cells(place[on])), float(on.sum())))
-    told = rows.T @ rows * (worth / on.sum())
-    scale = np.diag([0.0, *(1.0 / np.square(np.full(2, MOST_SLOPE)))]) * sigma**2
-    variance = np.linalg.inv(told + scale) * sigma**2
+    left = group.off - found[0] - (place - middle) @ found[1:]
+    variance = _variance(place[on], apart[on], sigma)
     if np.max(np.arccos(np.clip(group.normal @ normal, -1.0, 1.0))) > BENT:
         variance = np.diag([variance[0, 0], *np.full(2, UNKNOWN_SLOPE**2)])
     behind = int(np.sum(left < -max(width, IN_PLACE)))
     return Fit(
-        group.end[on].mean(axis=0), normal, axes, float(found[0]), found[1:], variance, sigma, place[on].std(axis=0),
-        on, left, behind * group.every, group.every,
+        measured.end[on].mean(axis=0), normal, axes, float(found[0]), found[1:], variance, sigma,
+        place[on].std(axis=0), on, left, behind * group.every, group.every,
     )  # fmt: skip
+
+
+def _least_squares(
+    off: np.ndarray, place: np.ndarray, on: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Middle (2,), level and slopes (3,), what is left (K,) of all rays, and sigma of those of a mask (K,) that tell.
+
+    At edges ranges are mixed with what is before or behind: many of them lie a little off, all to one side. So rays
+    have the less weight, the farther off they lie (biweight: Beaton and Tukey 1974).
+    """
+    middle, weight, last = place[on].mean(axis=0), np.ones(on.sum()), np.full(3, np.inf)
+    rows = np.column_stack([np.ones(len(place)), place - middle])
+    for _ in range(ROUNDS):
+        root = np.sqrt(weight)
+        found = np.linalg.lstsq(rows[on] * root[:, None], off[on] * root, rcond=None)[0]
+        left = off - rows @ found
+        sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(left[on]))))
+        if np.abs(found - last).max() < SETTLED:
+            break
+        weight, last = np.square(1.0 - np.square(np.minimum(np.abs(left[on]) / (CUT * sigma), 1.0))), found
+    return middle, found, left, sigma
+
+
+def _variance(place: np.ndarray, left: np.ndarray, sigma: float) -> np.ndarray:
+    """(3, 3) of level and slopes of rays that end at places (n, 2) [m], so far (n,) [m] off the plane.
+
+    Neighbours err alike, and no face is flat: a cell counts as one, and errs as the means of cells do.
+    """
+    number, count = np.unique(cells_of(place), return_inverse=True, return_counts=True)[1:]
+    worth = max(4.0, min(float(len(count)), float(len(place))))
+    if len(count) >= ENOUGH_CELLS:
+        means = np.bincount(number, np.clip(left, -CUT * sigma, CUT * sigma)) / count
+        sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(means))))
+    rows = np.column_stack([np.ones(len(place)), place - place.mean(axis=0)])
+    told = rows.T @ rows * (worth / len(place))
+    scale = np.diag([0.0, *(1.0 / np.square(np.full(2, MOST_SLOPE)))]) * sigma**2
+    return np.linalg.inv(told + scale) * sigma**2
 
 
 def count_cells(places: np.ndarray) -> int:

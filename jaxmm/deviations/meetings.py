@@ -33,6 +33,7 @@ class Meetings(NamedTuple):
     end: np.ndarray  # (K, 3) float64 [m] where the ray ended
     off: np.ndarray  # (K,) float64 [m] off the face: before it positive, behind it negative
     reach: np.ndarray  # (K,) float64 [m] from the sensor
+    own: np.ndarray  # (K,) float64 [m] the same as the sensor measured it: `reach` may have settled since
     sensor: np.ndarray  # (3,) float64 [m]
     every: int = 1  # rays that each stands for, of a group of many
 
@@ -40,14 +41,29 @@ class Meetings(NamedTuple):
         """Some of them: a mask, places (k,), or a slice."""
         return Meetings(*(field[chosen] for field in self[:-2]), self.sensor, self.every)
 
+    def as_measured(self) -> "Meetings":
+        """The same where the sensor measured them: what settles is smooth, but cuts corners, and bends at edges."""
+        if np.array_equal(self.own, self.reach):
+            return self
+        way = (self.end - self.sensor) / self.reach[:, None]
+        more = self.own - self.reach
+        off = self.off + np.einsum("kc,kc->k", self.normal, way) * more
+        return self._replace(end=self.end + way * more[:, None], off=off, reach=self.own)
+
     def thinned(self) -> "Meetings":
         """At most MOST of them: more tell a face no better, for neighbours err alike."""
         every = -(-len(self.off) // MOST)
         return self if every <= 1 else self.of(slice(None, None, every))._replace(every=every)
 
 
-def meetings_of(scene: TriangleScene, rays: ScanRays) -> Meetings:
-    """All rays of a scan that come back, and should meet a face at no flat angle."""
+def meetings_of(scene: TriangleScene, rays: ScanRays, own: np.ndarray | None = None) -> Meetings:
+    """All rays of a scan that come back, and should meet a face at no flat angle.
+
+    Args:
+        scene: the model.
+        rays: of the scan.
+        own: (rays.measured,) [m] ranges as the sensor measured them, as of `own_ranges`; None: those of the rays.
+    """
     direction, distance = rays.direction[: rays.measured], rays.distance[: rays.measured].astype(np.float64)
     expected = hits_of(scene, rays.position, direction)
     with np.errstate(invalid="ignore"):  # rays that meet nothing have no cosine
@@ -59,7 +75,8 @@ def meetings_of(scene: TriangleScene, rays: ScanRays) -> Meetings:
     element, distance, reach = expected.element[hit], distance[hit], expected.distance[hit].astype(np.float64)
     found = Meetings(
         element, element * np.int64(WAYS + 2) + _ways(normal), normal, rays.position + way * distance[:, None],
-        (reach - distance) * cosine, distance, np.asarray(rays.position, np.float64),
+        (reach - distance) * cosine, distance, distance if own is None else own[hit].astype(np.float64),
+        np.asarray(rays.position, np.float64),
     )  # fmt: skip
     return found.of(np.argsort(found.group, kind="stable"))
 

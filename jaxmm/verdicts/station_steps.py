@@ -18,6 +18,7 @@ from jaxmm.deviations.shifted_columns import beside_columns
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
 from jaxmm.learning.prediction import Judges, Side, judge, unjudged
+from jaxmm.rays.own_ranges import own_ranges
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts.as_built import knows_deviations, trust_in
 from jaxmm.verdicts.behind_removed import Says, ask_again, judged_anew, past_nothing
@@ -132,13 +133,15 @@ def face_station(context: Context, shelf: Shelf) -> Shown:
     shelf["rays"], shelf["stood"] = rays, stood
     if not knows_deviations(prior, settings):
         return Shown(stood, None)
+    shelf["own"] = own_ranges(rays, placed.scan.rotation, one.whole)
     shelf["beside"] = beside_columns(prior.scene, rays, settings.deviations.most)
-    return Shown(stood, faces_of(prior.scene, rays, trust_in(placed, settings.refine)))
+    return Shown(stood, faces_of(prior.scene, rays, trust_in(placed, settings.refine), shelf["own"]))
 
 
 def moved_station(context: Context, shelf: Shelf, rows: np.ndarray) -> Faces:
     """Where columns were found beside their places: what its rays show of them (n,) there."""
-    faces = faces_of(context.prior.scene, shelf["rays"], trust_in(shelf["stood"].placed, context.settings.refine))
+    trust = trust_in(shelf["stood"].placed, context.settings.refine)
+    faces = faces_of(context.prior.scene, shelf["rays"], trust, shelf["own"])
     return faces._replace(seen=[one for one in faces.seen if one.element in rows])
 
 

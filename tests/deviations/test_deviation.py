@@ -37,14 +37,19 @@ def moved(triangles: Triangles, row: int, step=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 
     return move_element(triangles, row, np.array(step), np.radians(turn))
 
 
-def seen(triangles: Triangles, place=PLACE, noise=0.0, seed=0) -> ScanRays:
+def scan_with_errors(triangles: Triangles, noise: float, place=PLACE, seed=0) -> PosedScan:
     """What a scanner sees of it, with errors [m] along its rays."""
     direction = SENSOR.directions()
     distance = cast_triangles(prepare(triangles), Rays(place[None], direction)).distance[0].astype(np.float64)
     distance += np.random.default_rng(seed).normal(0.0, noise, len(distance)) if noise else 0.0
     back = np.isfinite(distance)
     points = (place + direction[back] * distance[back, None]).astype(np.float32)
-    return rays_of_scan(PosedScan(points, place, np.eye(3), SENSOR))
+    return PosedScan(points, place, np.eye(3), SENSOR)
+
+
+def seen(triangles: Triangles, place=PLACE, noise=0.0, seed=0) -> ScanRays:
+    """The same as rays."""
+    return rays_of_scan(scan_with_errors(triangles, noise, place, seed))
 
 
 def told(model: Triangles | TriangleScene, *rays: ScanRays, trust=EXACT):

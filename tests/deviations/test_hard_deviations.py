@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from jaxmm.deviations.deviation import deviations_of
+from jaxmm.deviations.deviation import deviations_by, deviations_of, faces_of
 from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
+from jaxmm.rays.own_ranges import own_ranges
+from jaxmm.rays.range_noise import settled
+from jaxmm.rays.scan_rays import rays_of_scan
 from tests.cases.box_building import building_of
-from tests.deviations.test_deviation import COLUMN, FREE, HALL, PLACE, hall, moved, seen, told
+from tests.deviations.test_deviation import COLUMN, FREE, HALL, PLACE, hall, moved, scan_with_errors, seen, told
 from warp_scanner.scenes.building import Triangles
 from warp_scanner.scenes.building_edits import join
 from warp_scanner.scenes.scenes import PILLAR, WALL
@@ -100,3 +103,28 @@ def test_a_ceiling_that_hangs_below_a_slab_does_not_displace_it():
     real = building_of((*HALL, ((0, 0, 2.85), (6, 5, 0.02), WALL))).triangles
     found = deviations_of(prepare(hall()), [seen(real)], [EXACT], np.full(len(HALL), 0.03))
     assert 1 not in found and abs(found[0].distance) < 1e-3
+
+
+@pytest.mark.parametrize("radius", [0.2, 0.4])
+def test_ranges_that_settle_move_no_round_column(radius):
+    """They settle on planes, which cut what is round; the column is measured by ranges as they were."""
+    scene, number = prepare(join(building_of(HALL[:COLUMN]).triangles, shaft(-2.5, -1.5, radius))), COLUMN
+    whole = scan_with_errors(join(building_of(HALL[:COLUMN]).triangles, shaft(-2.5, -1.5, radius)), 0.012)
+    scan = settled(whole).scan
+    rays = rays_of_scan(scan)
+    offs = []
+    for own in (own_ranges(rays, scan.rotation, whole), None):
+        one = deviations_by(scene, [faces_of(scene, rays, EXACT, own)], np.full(COLUMN + 1, 0.03))[number]
+        offs.append(abs(one.distance))
+    assert offs[0] < 0.003 and offs[1] > 2.0 * offs[0]
+
+
+def test_mixed_ranges_along_one_edge_turn_no_wall():
+    """A twelfth of what is seen of it, at one edge, lies four standard deviations before it."""
+    rays = seen(hall(), noise=0.004)
+    ends = rays.position + rays.direction[: rays.measured] * rays.distance[: rays.measured, None]
+    edge = (np.abs(ends[:, 0] - 2.9) < 0.03) & (ends[:, 1] > 1.67)
+    distance = rays.distance.copy()
+    distance[: rays.measured][edge] -= np.float32(0.015)
+    one = told(hall(), rays._replace(distance=distance))[FREE]
+    assert edge.sum() > 100 and abs(one.turn) < 0.03 and abs(one.distance) < 5e-4
