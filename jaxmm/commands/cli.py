@@ -85,8 +85,9 @@ def _run(options: argparse.Namespace) -> int:
         if options.command not in WITHOUT_JAX:
             check_devices()
         options.run(options)
-    except KeyboardInterrupt:
-        return _failed(options, f"interrupted; {GOES_ON.get(options.command, 'nothing was written')}", 1)
+    except KeyboardInterrupt as stop:
+        told = str(stop) or GOES_ON.get(options.command, "nothing was written")
+        return _failed(options, f"interrupted; {told}", 1)
     except InputError as error:
         return _failed(options, str(error), 2)
     except OSError as error:

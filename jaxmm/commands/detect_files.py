@@ -1,5 +1,6 @@
 """`jaxmm detect`: files in, a folder of reports out, whole or not at all."""
 
+import contextlib
 import os
 import time
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ from jaxmm.reports.plain_files import write_plain
 from jaxmm.reports.workbook import MISSING, WORKBOOK, write_workbook
 from jaxmm.stations.named_files import Reading, frames_that_fit, read_station, told_of
 from jaxmm.stations.sources import Found, names_of, scan_of, sources_of
-from jaxmm.stations.work_folder import Shared, Work, kept_stations
+from jaxmm.stations.work_folder import Shared, Work, engine_of, kept_stations
 from jaxmm.verdicts.alignment import fitting_prior
 from jaxmm.verdicts.detection import detect_stations
 from jaxmm.verdicts.panoramas import LEAST_SPAN
@@ -83,26 +84,26 @@ def detect(
         _check_search(files_of_prior.files[0].path, reading)
     if not work.keep_going and (errors := [one.error for one, _ in found if one.error]):
         raise InputError(errors[0])
-    read = _prior_for(files_of_prior, found, reading)
-    loaded = time.perf_counter() - start
-    sources = [one for one, _ in found]
-    try:
-        if len(found) == 1 and work.engine == "local":
-            shelves = [{"source": one} | ({} if scan is None else {"read": scan}) for one, scan in found]
-            stations = HeldStations(shelves, judges, settings)
-            stations.each(read_station, read, reading)
-            detection = detect_stations(read, stations, settings)
-        else:
-            shared = Shared(Path(model), settings)
-            with kept_stations(found, shared, work, reading, read) as stations:
-                del found
-                stations.each(read_station, read, reading, may_leave_out=True)
+    sources, alone = [one for one, _ in found], len(found) == 1 and work.engine == "local"
+    with contextlib.nullcontext() if alone else engine_of(work, len(found)) as results:
+        read = _prior_for(files_of_prior, found, reading)
+        loaded = time.perf_counter() - start
+        try:
+            if alone:
+                shelves = [{"source": one} | ({} if scan is None else {"read": scan}) for one, scan in found]
+                stations = HeldStations(shelves, judges, settings)
+                stations.each(read_station, read, reading)
                 detection = detect_stations(read, stations, settings)
-    except Misfit as error:
-        others = frames_that_fit(read, sources, reading) - {""}
-        if len(others) != 1:
-            raise
-        raise Misfit(f"{error}; its points do lie on the prior {others.pop()}") from error
+            else:
+                with kept_stations(found, Shared(Path(model), settings), work, reading, results) as stations:
+                    del found
+                    stations.each(read_station, read, reading, may_leave_out=True)
+                    detection = detect_stations(read, stations, settings)
+        except Misfit as error:
+            others = frames_that_fit(read, sources, reading) - {""}
+            if len(others) != 1:
+                raise
+            raise Misfit(f"{error}; its points do lie on the prior {others.pop()}") from error
     timing, when = detection.timing | {"loading": loaded}, stated or latest([one.taken for one in detection.scans])
     return detection._replace(timing=timing, prior=read.file, date=when)
 

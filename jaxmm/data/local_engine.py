@@ -6,6 +6,7 @@ process keeps nothing of those before, so that however many it does, its peak is
 """
 
 import contextlib
+import importlib
 import multiprocessing
 import os
 import signal
@@ -44,13 +45,24 @@ class Pool:
     Used in a `with` block, at whose end they are ended.
     """
 
-    def __init__(self, workers: int | None = None, *, keep_to_cores: bool = False):
-        """`keep_to_cores` keeps each process to one core, where the system can: for functions whose threads share."""
+    def __init__(self, workers: int | None = None, *, keep_to_cores: bool = False, module: str | None = None):
+        """More of how.
+
+        Args:
+            workers: as of `results`.
+            keep_to_cores: keeps each process to one core, where the system can: for functions whose threads share.
+            module: import path of what processes load before their first task; then they are started with the block,
+                and load it while this one still finds out what there is to do.
+        """
         self._workers = workers or core_count()
         self._keep_to_cores = keep_to_cores and hasattr(os, "sched_setaffinity")
+        self._module = module
         self._processes: dict[Connection, multiprocessing.Process] = {}
 
     def __enter__(self) -> "Pool":
+        if self._module is not None and self._workers > 1:
+            for place in range(self._workers):
+                self._at(place)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -90,15 +102,15 @@ class Pool:
         """To the process of that number, which may have to be started."""
         if place == len(self._processes):
             cores = sorted(os.sched_getaffinity(0)) if self._keep_to_cores else []
-            connection, process = _start(cores[place % len(cores)] if cores else None)
+            connection, process = _start(cores[place % len(cores)] if cores else None, self._module)
             self._processes[connection] = process
         return list(self._processes)[place]
 
 
-def _start(core: int | None) -> tuple[Connection, multiprocessing.Process]:
+def _start(core: int | None, module: str | None) -> tuple[Connection, multiprocessing.Process]:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs, core), daemon=True)
+    process = context.Process(target=_serve, args=(theirs, core, module), daemon=True)
     # The tracker that multiprocessing starts beside the first child unblocks signals when it is up.
     resource_tracker.ensure_running()
     with _undisturbed():
@@ -128,10 +140,12 @@ def _undisturbed() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-def _serve(connection: Connection, core: int | None) -> None:
+def _serve(connection: Connection, core: int | None, module: str | None) -> None:
     if core is not None:
         os.sched_setaffinity(0, {core})
     heap.share()
+    if module is not None:
+        importlib.import_module(module)
     function = None
     while True:
         try:

@@ -23,7 +23,7 @@ from jaxmm.inputs import InputError, Misfit
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.progress import bar_of
 from jaxmm.stations.named_files import Reading
-from jaxmm.stations.records import digest_of, read_record, write_record
+from jaxmm.stations.records import SUFFIX, digest_of, read_record, write_record
 from jaxmm.stations.sources import Found, check_different, content_of
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import DetectSettings
@@ -35,6 +35,7 @@ ENGINES = ("local", "ray")
 FEW = 4  # stations, below which starting processes takes longer than they save
 STEPS = 4  # of every station, at least, which the bar counts: read, laid, its faces, looked at
 KEY = "stations.json"
+Results = Callable[..., Iterator[tuple]]  # as local_engine.results
 
 
 class Work(NamedTuple):
@@ -68,19 +69,31 @@ class Shared(NamedTuple):
 
 
 @contextlib.contextmanager
+def engine_of(work: Work, stations: int) -> Iterator[Results]:
+    """The engine's `results`, whose processes stay while this is open; on this machine they load what they need now."""
+    if work.engine == "ray":
+        yield functools.partial(ray_engine.results, workers=work.workers)
+        return
+    workers = work.workers or (core_count() if stations >= FEW else 1)
+    with local_engine.Pool(min(workers, stations), keep_to_cores=True, module=__name__) as pool:
+        yield pool.results
+
+
+@contextlib.contextmanager
 def kept_stations(
-    found: list[Found], shared: Shared, work: Work, reading: Reading, prior: Prior
+    found: list[Found], shared: Shared, work: Work, reading: Reading, results: Results
 ) -> Iterator["KeptStations"]:
     """Stations of some sources, with the scans that are read already, while their work folder is held.
 
-    It is removed when all is done, and where an error comes before any step is done; a killed process leaves it.
+    Steps are done by the `results` of `engine_of`. The folder is removed when all is done, and where an error comes
+    before any step is done; a killed process leaves it, and an error that comes later names it.
 
     Raises:
         InputError: two equal stations; the folder is another's, or another process is at work in it.
     """
     contents = {one.file: content_of(Path(one.file)) for one, _ in found}
     check_different([one for one, _ in found], contents)
-    with _held(work.folder, _key(shared, reading)) as folder, _engine(work, len(found)) as results:
+    with _held(work.folder, _key(shared, reading)) as folder:
         rows = []
         for number, (one, scan) in enumerate(found):
             shelf = WorkShelf(folder, number, digest_of(one, contents[one.file], reading.unit), {})
@@ -113,7 +126,7 @@ class WorkShelf(MutableMapping[str, Any]):
         return read_record(self.folder / self.files[name])
 
     def __setitem__(self, name: str, value: Any) -> None:
-        file = f"{self.number:05d}-{self.digest}-{name}.npz"
+        file = f"{self.number:05d}-{self.digest}-{name}{SUFFIX}"
         if not (self.folder / file).exists():  # whose name tells all that it holds
             write_record(self.folder / file, value)
         self.files[name] = file
@@ -183,7 +196,7 @@ class KeptStations:
         """The file of a prior in the work folder."""
         # A tree for rays is made anew of the triangles, wherever it is needed.
         plain = prior._replace(scene=None), None if prior.scene is None else prior.scene.triangles
-        file = f"prior-{digest_of(plain)}.npz"
+        file = f"prior-{digest_of(plain)}{SUFFIX}"
         if not (self._folder / file).exists():
             write_record(self._folder / file, plain)
         return file
@@ -221,7 +234,7 @@ def _done(
 
 
 def _record(folder: Path, number: int, digest: str) -> Path:
-    return folder / f"{number:05d}-{digest}.npz"
+    return folder / f"{number:05d}-{digest}{SUFFIX}"
 
 
 @functools.lru_cache(maxsize=1)
@@ -258,9 +271,14 @@ def _held(folder: Path | None, key: str) -> Iterator[Path]:
             raise InputError(f"--out: cannot write {folder}: {error.strerror}") from error
         try:
             yield folder
-        except InputError:
-            if not any(folder.glob("?????-????????????????????????????????.npz")):
-                shutil.rmtree(folder, ignore_errors=True)
+        except (InputError, RuntimeError, KeyboardInterrupt) as error:
+            if any(folder.glob(f"?????-{'?' * 32}{SUFFIX}")):
+                kept = f"what is done is kept in {folder}, from where the same command goes on"
+                kind = next(
+                    one for one in (Misfit, InputError, RuntimeError, KeyboardInterrupt) if isinstance(error, one)
+                )
+                raise kind(f"{error}; {kept}" if str(error) else kept) from error
+            shutil.rmtree(folder, ignore_errors=True)
             raise
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -270,14 +288,3 @@ def _empty(folder: Path) -> None:
     for path in folder.iterdir():
         if path.name != LOCK:
             path.unlink()
-
-
-@contextlib.contextmanager
-def _engine(work: Work, stations: int) -> Iterator[Callable[..., Iterator[tuple]]]:
-    """The engine's `results`, whose processes stay while this is open."""
-    if work.engine == "ray":
-        yield functools.partial(ray_engine.results, workers=work.workers)
-        return
-    workers = work.workers or (core_count() if stations >= FEW else 1)
-    with local_engine.Pool(min(workers, stations), keep_to_cores=True) as pool:
-        yield pool.results

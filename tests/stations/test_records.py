@@ -1,14 +1,11 @@
 """Records of stations: what comes back is what was written, to the bit, and a file makes no more than our own kinds."""
 
-import json
-
 import numpy as np
 import pytest
 
-from jaxmm.files import load_arrays, write_arrays
 from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import PosedScan, ScanRays
-from jaxmm.stations.records import KINDS, TREE, digest_of, read_record, write_record
+from jaxmm.stations.records import KINDS, digest_of, read_record, write_record
 from jaxmm.verdicts.verdicts import VerdictSettings
 from warp_scanner.sensors.sensors import PRESETS
 
@@ -28,30 +25,51 @@ def test_what_is_read_is_what_was_written(tmp_path):
         scan = PosedScan(rng.normal(size=(5, 3)).astype(np.float32), rng.normal(size=3), np.eye(3), sensor)
         rays = ScanRays(scan.position, scan.points, np.array([np.inf, np.nan, 1.0]), 3, scan.points[:0], 0.1, np.inf)
         value = {"a": (scan, None, [rays, True, "ü"]), 3: np.float64(0.1), "b": (1, 2.5, -0.0, np.int64(7))}
-        write_record(tmp_path / "one.npz", value)
-        assert plain(read_record(tmp_path / "one.npz")) == plain(value)
+        write_record(tmp_path / "one.record", value)
+        assert plain(read_record(tmp_path / "one.record")) == plain(value)
 
 
-def test_other_kinds_are_neither_written_nor_made(tmp_path):
-    path = tmp_path / "one.npz"
+def test_arrays_keep_the_order_of_their_numbers_in_memory(tmp_path):
+    """Products of the same numbers in another order come out otherwise."""
+    rows = np.arange(12.0).reshape(3, 4)
+    for array in (rows, rows.T, rows[:, ::2], np.array(3.0), rows[:1].T):
+        write_record(tmp_path / "one.record", array)
+        found = read_record(tmp_path / "one.record")
+        np.save(tmp_path / "one.npy", array)
+        assert found.strides == np.load(tmp_path / "one.npy").strides and plain(found) == plain(array)
+        assert found.flags.writeable
+
+
+def test_other_kinds_are_neither_written_nor_made(tmp_path, monkeypatch):
+    path = tmp_path / "one.record"
     for strange in (VerdictSettings(), {1: [VerdictSettings()]}, {1, 2}):
         with pytest.raises(TypeError, match="expected a record"):
             write_record(path, strange)
         assert not path.exists()
-    tree = json.dumps(["system", ["echo"]]).encode()
-    write_arrays(path, {TREE: np.frombuffer(tree, np.uint8)})
+    for array in (np.array([None]), np.zeros(2, [("a", int)])):
+        with pytest.raises(TypeError, match="expected a record of plain arrays"):
+            write_record(path, array)
+    with monkeypatch.context() as patched:
+        patched.setitem(KINDS, "VerdictSettings", VerdictSettings)
+        write_record(path, VerdictSettings())
     with pytest.raises(InputError, match="expected a record of a station"):
         read_record(path)
-    assert "system" not in KINDS and load_arrays(path)
+    np.savez(tmp_path / "other.npz", a=1)
+    with pytest.raises(InputError, match=r"other\.npz: [^\n]*damaged"):
+        read_record(tmp_path / "other.npz")
 
 
 def test_damaged_files_are_refused(tmp_path):
-    path = tmp_path / "one.npz"
+    path = tmp_path / "one.record"
     write_record(path, (np.arange(100),))
     whole = path.read_bytes()
     for length in range(0, len(whole), 37):
         path.write_bytes(whole[:length])
-        with pytest.raises(InputError, match=r"one\.npz"):
+        with pytest.raises(InputError, match=r"one\.record"):
+            read_record(path)
+    for place in range(0, len(whole), 37):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        with pytest.raises(InputError, match=r"one\.record"):
             read_record(path)
 
 

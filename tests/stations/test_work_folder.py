@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from jaxmm.commands import detect_files
 from jaxmm.commands.detect_files import detect
 from jaxmm.formats.poses import GivenPose
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, Misfit
 from jaxmm.learning.prediction import read_judges
 from jaxmm.reports.report_json import to_json
 from jaxmm.stations import work_folder
+from jaxmm.stations.records import SUFFIX, write_record
 from jaxmm.stations.work_folder import Work
 from jaxmm.verdicts import station_steps
 from jaxmm.verdicts.detection import detect_scans
@@ -81,7 +83,7 @@ def by_hand(monkeypatch, order=lambda tasks: tasks, until=None):
     def engine(work, stations):
         yield results
 
-    monkeypatch.setattr(work_folder, "_engine", engine)
+    monkeypatch.setattr(detect_files, "engine_of", engine)
     return done
 
 
@@ -197,9 +199,24 @@ def test_without_ray_its_engine_is_refused_before_anything_is_read(monkeypatch, 
         detect(tmp_path / "none.ifc", [tmp_path / "none.ply"], work=Work("ray"))
 
 
+@pytest.mark.parametrize("kind", [InputError, Misfit, RuntimeError, KeyboardInterrupt])
+def test_what_ends_it_names_the_folder_that_is_kept(kind, tmp_path):
+    folder = tmp_path / "work"
+    for done in (False, True):
+        with pytest.raises(kind) as told, work_folder._held(folder, "one"):
+            if done:
+                write_record(folder / f"00000-{'0' * 32}{SUFFIX}", 1)
+            raise kind("it ends")
+        assert type(told.value) is kind and folder.exists() == done
+        assert (
+            str(told.value)
+            == "it ends" + f"; what is done is kept in {folder}, from where the same command goes on" * done
+        )
+
+
 def test_what_another_process_is_at_is_left_to_it(tmp_path):
     """Though that one has other settings."""
-    folder, kept = tmp_path / "work", "00000-step.npz"
+    folder, kept = tmp_path / "work", "00000-step.record"
     with work_folder._held(folder, "one"):
         (folder / kept).touch()
         with pytest.raises(InputError, match="another process is at work here"), work_folder._held(folder, "other"):
