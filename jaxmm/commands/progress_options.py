@@ -12,8 +12,8 @@ DATES = (
     "from its scans or from detect --date"
 )
 MODEL = (
-    "the model of the reports, for true outlines on the plans and for its schedule (IfcTask); once for each file of "
-    "it; default: boxes that the reports hold, and no schedule"
+    "the model of the reports, a file or a folder, for true outlines on the plans and for its schedule (IfcTask, in any "
+    "of its files); once for each file or folder of it; default: boxes that the reports hold, and no schedule"
 )
 
 
@@ -21,7 +21,7 @@ def add_progress(command: argparse.ArgumentParser) -> None:
     """The options of `jaxmm progress`."""
     command.add_argument("reports", type=Path, nargs="+", metavar="REPORT", help=REPORTS)
     command.add_argument("--date", action="append", default=[], metavar="REPORT=DATE", help=DATES)
-    command.add_argument("--model", type=Path, action="append", default=[], metavar="FILE", help=MODEL)
+    command.add_argument("--model", type=Path, action="append", default=[], metavar="FILE_OR_FOLDER", help=MODEL)
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder of the tables and plans")
 
 

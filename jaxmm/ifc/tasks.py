@@ -87,11 +87,13 @@ def _task(task: Any, row: dict[int, int], times: dict[int, Any]) -> Task:
 def _assignments(model: Any) -> list[tuple[Any, Any]]:
     pairs = []
     for relation in model.by_type("IfcRelAssignsToProcess"):
-        if relation.RelatingProcess.is_a("IfcTask"):
-            pairs += [(relation.RelatingProcess, one) for one in relation.RelatedObjects if one.is_a("IfcProduct")]
+        task = relation.RelatingProcess  # nothing in files out of which tasks were taken
+        if task is not None and task.is_a("IfcTask"):
+            pairs += [(task, one) for one in relation.RelatedObjects if one.is_a("IfcProduct")]
     for relation in model.by_type("IfcRelAssignsToProduct"):
-        if relation.RelatingProduct.is_a("IfcProduct"):
-            pairs += [(one, relation.RelatingProduct) for one in relation.RelatedObjects if one.is_a("IfcTask")]
+        product = relation.RelatingProduct
+        if product is not None and product.is_a("IfcProduct"):
+            pairs += [(one, product) for one in relation.RelatedObjects if one.is_a("IfcTask")]
     return pairs
 
 

@@ -111,12 +111,14 @@ def _prior_of_model(model: Model, options: ReadOptions) -> Prior:
     except (ValueError, ImportError) as error:
         raise InputError(str(error)) from error
     kind = "ifc" if model.has_ifc else "mesh"
-    file = PriorFile(model.name, kind, building.unit, building.project, _digest(model), building.sources)
+    file = PriorFile(model.name, kind, building.unit, building.project, digest_of(model), building.sources)
     return prior_of_building(building)._replace(file=file)
 
 
-def _digest(model: Model) -> str:
-    """The SHA-256 of the names and digests of all files, in hexadecimal: the same files give the same, in any order."""
+def digest_of(model: Model) -> str:
+    """The SHA-256 of the file, or of the names and digests of all, in hexadecimal: equal files give the same."""
+    if len(model.files) == 1:
+        return sha256_of(model.files[0].path)
     told = sorted(f"{file.name} {sha256_of(file.path)}\n" for file in model.files)
     return hashlib.sha256("".join(told).encode()).hexdigest()
 

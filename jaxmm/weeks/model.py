@@ -9,21 +9,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.files import sha256_of
 from jaxmm.ifc.tasks import NO_PLAN, TaskPlan, read_tasks
 from jaxmm.inputs import InputError
 from jaxmm.learning.element_boxes import UprightBox, boxes_of
 from jaxmm.reports.plan_cut import cut_surfaces
+from jaxmm.verdicts.priors import digest_of
 from jaxmm.weeks.reports import SAME, Key, Week
-from warp_scanner.buildings.files import read_building
+from warp_scanner.buildings import projects
+from warp_scanner.buildings.ifc_zips import is_ifc, plain_file
+from warp_scanner.buildings.model_files import model_of
 from warp_scanner.scenes.building import Building
 
 
 class Model(NamedTuple):
-    """The files of one model."""
+    """The building in all files of one model, and their schedules."""
 
-    files: tuple[str, ...]  # names, without folders
-    buildings: tuple[Building, ...]
+    building: Building
     plan: TaskPlan
 
 
@@ -35,47 +36,45 @@ class Cut(NamedTuple):
 
 
 def read_model(paths: Sequence[Path], weeks: Sequence[Week]) -> Model:
-    """The model that some reports are on, in one file or several.
+    """The model that some reports are on: one file, several, or folders of such.
 
     Raises:
         InputError: a file cannot be read, or is not of the reports' model.
     """
-    keys = {guid for week in weeks for _, guid in week.elements}
-    known = {week.model.sha256 for week in weeks} - {None}
-    buildings = []
     for path in paths:
-        if not path.is_file():
-            raise InputError(f"--model: expected a file, {path} is {'a folder' if path.is_dir() else 'not there'}")
-        try:
-            building = read_building(path)
-        except (ValueError, ImportError) as error:
-            raise InputError(str(error)) from error
-        buildings.append(building)
-    both = keys & {guid for building in buildings for guid in building.elements.guid}
-    if len(both) < SAME * len(keys) and not known & {sha256_of(path) for path in paths}:
-        names = ", ".join(path.name for path in paths)
+        if not path.exists():
+            raise InputError(f"--model: expected a file or a folder, {path} is not there")
+    first, *others = paths
+    try:
+        files = model_of(first, [file.path for path in others for file in model_of(path).files])
+        building = projects.read_model(files)
+    except (ValueError, ImportError) as error:
+        raise InputError(str(error)) from error
+    keys, own = {guid for week in weeks for _, guid in week.elements}, {guid for _, guid in _row_of(building)}
+    own |= {whole.guid for whole in building.wholes}
+    known = {week.model.sha256 for week in weeks} - {None}
+    if len(keys & own) < SAME * len(keys) and digest_of(files) not in known:
+        names = ", ".join(path.name or str(path) for path in paths)
         raise InputError(
-            f"--model: expected the model of the reports, {names} has {len(both)} of their {len(keys)} elements"
+            f"--model: expected the model of the reports, {names} has {len(keys & own)} of their {len(keys)} elements"
         )
     plan = NO_PLAN
-    for path in paths:
-        if path.suffix.lower() == ".ifc":
-            plan = _joined(plan, read_tasks(path))
-    return Model(tuple(path.name for path in paths), tuple(buildings), plan)
+    for file in files.files:
+        if is_ifc(file.path):
+            with plain_file(file.path) as plain:
+                plan = _joined(plan, read_tasks(plain))
+    return Model(building, plan)
 
 
 def with_boxes(weeks: Sequence[Week], model: Model) -> list[Week]:
     """The same weeks, in which elements have their boxes where a report of an older format states none."""
     keys = {key for week in weeks for key, one in week.elements.items() if one.box is None}
-    boxes: dict[Key, UprightBox] = {}
-    for file, building in zip(model.files, model.buildings, strict=True):
-        guids, triangles = building.elements.guid, building.triangles
-        rows = [(row, key) for row, guid in enumerate(guids) if (key := _key(file, guid, keys)) is not None]
-        wanted = np.array([row for row, _ in rows], int)
-        found = boxes_of(triangles.vertices, triangles.faces, triangles.element, wanted)
-        for (_, key), box in zip(rows, found, strict=True):
-            if box is not None:
-                boxes[key] = box.shifted(building.origin)
+    rows = [(row, known) for key, row in _row_of(model.building).items() if (known := _key(key, keys)) is not None]
+    triangles, wanted = model.building.triangles, np.array([row for row, _ in rows], int)
+    found = boxes_of(triangles.vertices, triangles.faces, triangles.element, wanted)
+    boxes: dict[Key, UprightBox] = {
+        key: box.shifted(model.building.origin) for (_, key), box in zip(rows, found, strict=True) if box is not None
+    }
     return [
         week._replace(elements={
             key: one._replace(box=one.box or boxes.get(key)) for key, one in week.elements.items()
@@ -86,20 +85,31 @@ def with_boxes(weeks: Sequence[Week], model: Model) -> list[Week]:
 
 def cut_at(model: Model, keys: set[Key], height: float) -> Cut:
     """All lines of the model at a height [m], of its surfaces as they are."""
+    triangles, origin = model.building.triangles, model.building.origin
+    names: dict[int, list[Key]] = {}
+    for key, row in _row_of(model.building).items():
+        if (known := _key(key, keys)) is not None:
+            names.setdefault(row, []).append(known)
     found = Cut({}, [])
-    for file, building in zip(model.files, model.buildings, strict=True):
-        triangles, origin = building.triangles, building.origin
-        lines = cut_surfaces(triangles.vertices, triangles.faces, triangles.element, height - float(origin[2]))
-        for line in lines:
-            key = _key(file, building.elements.guid[line.element], keys)
-            place = found.others if key is None else found.followed.setdefault(key, [])
-            place.append(line.points + origin[:2])
+    for line in cut_surfaces(triangles.vertices, triangles.faces, triangles.element, height - float(origin[2])):
+        points = line.points + origin[:2]
+        for key in names.get(line.element, ()):
+            found.followed.setdefault(key, []).append(points)
+        if line.element not in names:
+            found.others.append(points)
     return found
 
 
-def _key(file: str, guid: str, keys: set[Key]) -> Key | None:
-    """How the reports know an element of a file; None where they do not."""
-    return next((key for key in (("", guid), (file, guid)) if key in keys), None)
+def _row_of(building: Building) -> dict[Key, int]:
+    """Rows of all elements, by file and GlobalId; what is the same in other files has the row of the one kept."""
+    table = building.elements
+    rows = {(twin.file, twin.guid): row for row, own in enumerate(table.twins) for twin in own}
+    return rows | {key: row for row, key in enumerate(zip(table.file, table.guid, strict=True))}
+
+
+def _key(key: Key, keys: set[Key]) -> Key | None:
+    """How the reports know an element; None where they do not."""
+    return next((known for known in (("", key[1]), key) if known in keys), None)
 
 
 def _joined(plan: TaskPlan, other: TaskPlan) -> TaskPlan:

@@ -177,7 +177,7 @@ def test_reports_without_places_still_have_tables_and_a_page(tmp_path, capsys):
         (["--date", "week0"], "--date: expected REPORT=DATE"),
         (["--date", "week0=soon"], "--date week0: expected a date"),
         (["--date", "elsewhere=2026-03-02"], "expected one of the reports"),
-        (["--model", "nowhere.ifc"], "--model: expected a file"),
+        (["--model", "nowhere.ifc"], "--model: expected a file or a folder"),
         (["nowhere"], "nowhere: expected"),
     ],
 )

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ from tests.cases.site import (
     write_scans,
 )  # fmt: skip
 
-pytest.importorskip("ifcopenshell")
+ifcopenshell = pytest.importorskip("ifcopenshell")
 pytest.importorskip("openpyxl")
 
 
@@ -135,6 +136,42 @@ def test_reports_of_an_older_format_get_their_places_from_the_model(site, tmp_pa
     for one, other in zip(boxed, new, strict=True):
         for key, element in one.elements.items():
             np.testing.assert_allclose(element.box.center, other.elements[key].box.center, atol=1e-5)
+
+
+def test_a_folder_is_one_model_whichever_of_its_files_has_the_schedule(site, tmp_path, capsys):
+    folder = tmp_path / "model"
+    (folder / "trades").mkdir(parents=True)
+    whole = ifcopenshell.open(str(site / "site.ifc"))
+    columns = ifcopenshell.open(str(site / "site.ifc"))
+    for one in whole.by_type("IfcColumn"):
+        whole.remove(one)
+    for one in [one for one in columns.by_type("IfcProduct") if one.Representation and not one.is_a("IfcColumn")]:
+        columns.remove(one)
+    for one in columns.by_type("IfcTask"):
+        columns.remove(one)
+    columns.write(str(folder / "trades" / "columns.ifc"))
+    with zipfile.ZipFile(folder / "site.ifczip", "w") as archive:
+        archive.writestr("Site.IFC", whole.to_string())
+    words = ["progress", *map(str, reports(site))]
+    assert main([*words, "--model", str(folder), "--out", str(tmp_path / "out")]) == 0
+    told = json.loads((tmp_path / "out" / "progress.json").read_text())
+    done = {one["name"]: one["done"] for one in told["shares"] if one["kind"] == "task"}  # of the last week
+    assert done["Outer walls"] == 4 and done["Upper floor"] == 4
+    weeks = read_weeks(reports(site))
+    model, alone = read_model([folder], weeks), read_model([site / "site.ifc"], weeks)
+    progress = follow(weeks, model.plan)
+    cut, same = outlines_of(progress, model), outlines_of(progress, alone)
+    for one, other in zip(cut.storeys, same.storeys, strict=True):
+        assert one.elements.keys() == other.elements.keys()
+        for key, rings in one.elements.items():
+            np.testing.assert_allclose(
+                np.sort(np.concatenate(rings), axis=0), np.sort(np.concatenate(other.elements[key]), axis=0), atol=1e-5
+            )
+    capsys.readouterr()
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert main([*words, "--model", str(empty), "--out", str(tmp_path / "none")]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1 and not (tmp_path / "none").exists()
 
 
 def test_another_model_is_refused(site, tmp_path, capsys):
