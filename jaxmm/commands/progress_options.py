@@ -12,8 +12,8 @@ DATES = (
     "from its scans or from detect --date"
 )
 MODEL = (
-    "the model of the reports, a file or a folder, for true outlines on the plans and for its schedule (IfcTask, in any "
-    "of its files); once for each file or folder of it; default: boxes that the reports hold, and no schedule"
+    "the model of the reports, a file or a folder, for true outlines on the plans and for its schedule (IfcTask, in "
+    "any of its files); once for each file or folder of it; default: boxes that the reports hold, and no schedule"
 )
 
 
