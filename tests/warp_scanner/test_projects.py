@@ -5,10 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
-from tests.cases.box_building import building_of, shell_of
+from tests.cases.box_building import building_of, shell_of, table_of
 from warp_scanner.buildings.arrays import packed, unpacked
 from warp_scanner.buildings.frames import Read, moved
-from warp_scanner.buildings.projects import named, together
+from warp_scanner.buildings.model_files import model_of
+from warp_scanner.buildings.projects import named, read_model, together
+from warp_scanner.buildings.room_ifc import write_room
 from warp_scanner.scenes.building import Storeys, bounds, element_bounds
 from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
@@ -140,6 +142,32 @@ def test_a_mesh_beside_is_read_in_the_unit_and_axes_that_fit(unit, up):
     np.testing.assert_allclose(bounds(joined.triangles), bounds(building_of(SHELL).triangles), atol=2e-3)
     assert sum(map(len, joined.elements.twins)) == len(SHELL) - 2
     assert joined.sources[1].unit == pytest.approx(unit)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_file_without_surfaces_is_named_and_left_out(tmp_path, count):
+    ifcopenshell = pytest.importorskip("ifcopenshell")
+    write_room(tmp_path / "a.ifc", table_of((*SHELL, COLUMN)), 0)
+    if count == 2:
+        write_room(tmp_path / "c.ifc", table_of((PIER,)), 0)
+    schedule = ifcopenshell.open(str(tmp_path / "a.ifc"))
+    for one in schedule.by_type("IfcElement"):
+        schedule.remove(one)
+    schedule.create_entity("IfcTask", ifcopenshell.guid.new(), Name="shell", IsMilestone=False)
+    schedule.write(str(tmp_path / "b.ifc"))
+    model = model_of(tmp_path)
+    found = read_model(model)
+    assert any("b.ifc has no element with a surface" in note for note in found.notes)
+    assert len(found.elements.guid) == len(SHELL) + count and set(found.elements.file) == {"a.ifc", "c.ifc"} - (
+        {"c.ifc"} if count == 1 else set()
+    )
+    first = model_of(tmp_path / "b.ifc", [tmp_path / "a.ifc"])
+    assert len(read_model(first).elements.guid) == len(SHELL) + 1
+    (tmp_path / "alone").mkdir()
+    for name in ("b.ifc", "d.ifc"):
+        (tmp_path / "alone" / name).write_bytes((tmp_path / "b.ifc").read_bytes())
+    with pytest.raises(ValueError, match="with surfaces, found none"):
+        read_model(model_of(tmp_path / "alone"))
 
 
 def test_files_of_two_places_are_refused_and_how_far_they_are():

@@ -17,6 +17,7 @@ from warp_scanner.buildings.twins import with_twins
 from warp_scanner.scenes.building import (
     AS_IT_IS,
     WITHOUT_STOREYS,
+    WITHOUT_SURFACES,
     Building,
     Elements,
     Failure,
@@ -46,7 +47,7 @@ def read_model(model: Model, options: ReadOptions = AS_IT_IS, read: Reader = rea
         read: reads one file, as `files.read_building` does.
 
     Raises:
-        ValueError: a file cannot be read, or shares no place with the others; one line.
+        ValueError: a file cannot be read, or shares no place with the others; none has a surface; one line.
         ImportError: one is an IFC file, and ifcopenshell is not installed.
     """
     if len(model.files) == 1:
@@ -60,12 +61,25 @@ def read_model(model: Model, options: ReadOptions = AS_IT_IS, read: Reader = rea
         # The largest first: it takes longest. Errors come in the order of the names, whichever was met first.
         order = sorted(model.files, key=lambda one: -one.path.stat().st_size)
         found = {file.name: pool.submit(one_of, file) for file in order}
-        try:
-            files = [found[file.name].result() for file in model.files]
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    return together(files, model.first)
+        files, empty = [], []
+        for file in model.files:
+            try:
+                files.append(found[file.name].result())
+            except BaseException as error:
+                # A schedule, or a trade that has drawn nothing yet, is none of the others' business.
+                if isinstance(error, ValueError) and WITHOUT_SURFACES in str(error):
+                    empty.append(error)
+                    continue
+                pool.shutdown(cancel_futures=True)
+                raise
+    if not files:
+        raise empty[0]
+    names = {one.name for one in files}
+    left_out = tuple(f"{one.name} has no element with a surface" for one in model.files if one.name not in names)
+    if len(files) == 1:
+        return files[0].building._replace(notes=(*left_out, *files[0].building.notes))
+    whole = together(files, model.first if model.first in names else None)
+    return whole._replace(notes=(*left_out, *whole.notes))
 
 
 def named(building: Building, name: str) -> Building:

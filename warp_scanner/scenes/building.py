@@ -159,6 +159,7 @@ class Found(NamedTuple):
 
 
 WITHOUT_STOREYS = "the file has no storeys: the floor of the bounding box stands for one"
+WITHOUT_SURFACES = "expected a building with surfaces, found none"
 NO_STOREYS = Storeys((), (), np.zeros(0))
 
 
@@ -184,7 +185,7 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
     solid = [part for part in solid if len(part.faces)]
     if not solid:
         why = f"; the first of {len(failures)} elements failed because {failures[0].reason}" if failures else ""
-        raise ValueError(f"{source}: expected a building with surfaces, found none{why}")
+        raise ValueError(f"{source}: {WITHOUT_SURFACES}{why}")
 
     low = np.array([part.vertices[part.faces].min(axis=(0, 1)) for part in solid])
     high = np.array([part.vertices[part.faces].max(axis=(0, 1)) for part in solid])
