@@ -7,15 +7,18 @@ axes: metres, z up.
 from typing import NamedTuple
 
 import numpy as np
+import small_gicp
 
 from jaxmm.rays.evidence import Frame, frame_of
 from warp_scanner.clouds.sightlines import cells_of
+from warp_scanner.launches import thread_count
 from warp_scanner.sensors.sensors import Sensor
 
 MOST_RAYS = 300_000  # of a scan that has more, so many are drawn: five times what networks learnt from
 MOST_PATTERN = 150_000
 LEAST_SPACING = np.radians(0.3)  # of a pattern: a voxel of 0.1 m is as wide at 19 m
 HOLE = 1.5  # spacings: a cell this large without a measured ray is a hole
+AROUND, UNEVEN = 20, 1.5  # rays that tell how far apart they are about a place; so many spacings apart, it is uneven
 STRIP = np.radians(1.0)  # of elevations, or azimuths, along which gaps between rays are measured
 WIDEST_GAP = np.radians(4.0)  # between the rings of a spinning sensor; wider ones are holes
 RINGED = 1.5  # times as far apart as along them, rays lie in rings
@@ -62,7 +65,7 @@ def rays_of_scan(scan: PosedScan, seed: int = 0) -> ScanRays:
     reach = np.linalg.norm(offset, axis=1)
     direction, reach = (offset / reach[:, None]).astype(np.float32), reach.astype(np.float32)
     pattern, spacing = _pattern(scan, direction)
-    holes = pattern[_empty(pattern, direction, HOLE * spacing)]
+    holes = _wide(pattern[_empty(pattern, direction, HOLE * spacing)], direction, spacing)
     return ScanRays(
         scan.position,
         np.concatenate([direction, holes]),
@@ -176,3 +179,20 @@ def _empty(wanted: np.ndarray, known: np.ndarray, cell: float) -> np.ndarray:
     """(Q,) bool: directions in whose cell no known one lies."""
     there = np.unique(cells_of(known, cell)[0])
     return ~np.isin(cells_of(wanted, cell)[0], there)
+
+
+def _wide(holes: np.ndarray, known: np.ndarray, spacing: float) -> np.ndarray:
+    """Those of the holes (Q, 3) that are wider than the rays (P, 3) around them are apart.
+
+    Files keep one point a voxel, or a part of the points drawn at random: then rays are farther apart in one place than
+    in another, mostly on what is near, and what lies between two of them is no hole.
+    """
+    if not len(holes) or len(known) < AROUND:
+        return holes
+    tree = small_gicp.KdTree(known.astype(np.float64), num_threads=thread_count(None))
+    place, square = tree.batch_nearest_neighbor_search(np.column_stack([holes, np.ones(len(holes))]).astype(np.float64))
+    beside, which = np.unique(np.asarray(place), return_inverse=True)
+    around = np.asarray(tree.batch_knn_search(np.column_stack([known[beside], np.ones(len(beside))]), AROUND)[1])
+    # A square grid of as many rays in as large a circle.
+    apart = np.sqrt(around[:, -1] * np.pi / AROUND)[which.reshape(-1)]
+    return holes[(apart <= UNEVEN * spacing) | (np.sqrt(np.asarray(square)) > HOLE * apart)]

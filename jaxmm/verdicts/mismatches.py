@@ -271,12 +271,14 @@ def _with_sky(judged: Judged, looked: Sequence[Looked]) -> Judged:
 def _sky(one: Looked) -> np.ndarray:
     """(n, 3) [m] a place for each cell of directions, in one of which a scan brings nothing back, and should not.
 
-    A cloud, of which no ray is expected to meet anything, does not tell where nothing should come back.
+    A cloud, of which no ray is expected to meet anything, does not tell where nothing should come back. What looks down
+    has some ground before it, in the model or not: where nothing comes back from there, it was lost.
     """
     rays = one.rays
     if np.isinf(one.expected).all():
         return np.zeros((0, 3))
-    none = np.flatnonzero(np.isinf(rays.distance) & (np.isinf(one.expected) | (one.expected > rays.limit)))
+    nothing = np.isinf(rays.distance) & (np.isinf(one.expected) | (one.expected > rays.limit))
+    none = np.flatnonzero(nothing & (rays.direction[:, 2] > 0.0))
     if not len(none):
         return np.zeros((0, 3))
     chosen = none[np.unique(cells_of(rays.direction[none], SKY)[0], return_index=True)[1]]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jaxmm.rays.scan_rays import MOST_PATTERN, MOST_RAYS, PosedScan, drawn, measured_points, rays_of_scan
+from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.sensors.poses import rotation_of
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, sensor_named
 
@@ -111,3 +112,27 @@ def test_a_sensor_without_rings_has_none(name):
     for pitch in (0.0, 10.0):
         scan = PosedScan((PLACE + 5.0 * direction @ turned(20.0, pitch).T).astype(np.float32), PLACE, np.eye(3))
         assert np.degrees(rays_of_scan(scan).spacing) < 1.0
+
+
+def in_a_box(half, count=150_000):
+    """Directions drawn at random over the sphere, and points (N, 3) on the inside of a box around PLACE."""
+    direction = np.random.default_rng(3).normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return direction, PLACE + direction * np.min(half / np.abs(direction), axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("voxel", [0.03, 0.05, 0.1])
+@pytest.mark.parametrize("drawn_from", [1, 5])
+def test_what_lies_between_points_that_were_thinned_is_no_hole(voxel, drawn_from):
+    """One point a voxel lies far apart on what is near, and densely on what is far; a lost block is one still."""
+    direction, points = in_a_box(np.array([5.0, 1.2, 1.1]))
+    direction, points = direction[::drawn_from], points[::drawn_from].astype(np.float32)
+    kept = thin_clouds([points], voxel)[0]
+    whole = rays_of_scan(PosedScan(points[kept], PLACE, np.eye(3)))
+    assert len(whole.direction) - whole.measured < 0.1 * len(whole.pattern)
+    block = (direction[kept, 0] > 0.5) & (np.abs(direction[kept, 1:]) < 0.4).all(axis=1)
+    holed = rays_of_scan(PosedScan(points[kept][~block], PLACE, np.eye(3)))
+    lost = holed.direction[holed.measured :]
+    inside = (lost[:, 0] > 0.5) & (np.abs(lost[:, 1:]) < 0.4).all(axis=1)
+    wanted = (holed.pattern[:, 0] > 0.5) & (np.abs(holed.pattern[:, 1:]) < 0.4).all(axis=1)
+    assert inside.sum() > 0.6 * wanted.sum() and (~inside).sum() < 0.1 * len(holed.pattern)

@@ -8,7 +8,7 @@ from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.scan_rays import rays_of_scan
 from jaxmm.runs.room_scans import room_cases, true_boxes
 from jaxmm.verdicts.detection import detect_scans
-from jaxmm.verdicts.mismatches import _below_roof, _measured_by_thesis, mismatches_of
+from jaxmm.verdicts.mismatches import Looked, _below_roof, _measured_by_thesis, _sky, mismatches_of
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import prior_of_building, prior_of_cloud
 from jaxmm.verdicts.settings import DetectSettings
@@ -127,3 +127,15 @@ def test_a_new_wall_is_made_up_through_the_place_of_one_that_is_gone(across):
     gone, new = ([one for one in found if one.mismatch_type == change] for change in ("removed", "added"))
     assert len(gone) == across and [one.object_type for one in new] == ["wall"]
     assert new[0].dimensions[0] == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize("rises, seen", [(True, True), (False, False)])
+def test_one_looks_through_where_the_sky_sends_nothing_back_and_not_where_the_ground_does(rises, seen):
+    """Half a view brings nothing back, and should meet nothing of the model: that which rises, or looks down."""
+    scan = scan_of([((4.0, 0.0, 1.5), (0.1, 9.0, 4.0), WALL)], np.array([0.0, 0.0, 1.5]), OAK_D_PRO_SMALL).scan
+    lost = (scan.points[:, 2] > 1.5) == rises
+    rays = rays_of_scan(scan._replace(points=scan.points[~lost]))
+    expected = np.full(len(rays.distance), np.inf)
+    expected[0] = 3.0
+    sky = _sky(Looked(rays, expected, None, None, (0.0, 3.0)))
+    assert (len(sky) > 100) == seen and np.all(sky[:, 2] > 1.5)
