@@ -59,16 +59,34 @@ def beside_columns(scene: TriangleScene, rays: ScanRays, most: float) -> Beside:
     """What one scan shows about each of `columns_of`, up to `most` [m] and a little farther off its place."""
     low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
     points, found = measured_points(rays), [np.zeros((0, 3), np.float32)]
-    order = np.argsort(points[:, 0], kind="stable")
-    along = points[order, 0].astype(np.float64)
+    cells = _Cells(points[:, 0])
     reach = np.array([most + AROUND, most + AROUND, -ENDS])
     for row in columns_of(scene):
         first, last = low[row] - reach, high[row] + reach
-        near = order[np.searchsorted(along, first[0], "right") : np.searchsorted(along, last[0], "left")]
+        near = cells.between(first[0], last[0])
         about = points[near]
-        inside = np.all((about[:, 1:] > first[1:]) & (about[:, 1:] < last[1:]), axis=1)
+        inside = np.all((about > first) & (about < last), axis=1)
         found.append(points[np.sort(near[inside])])
     return Beside(np.concatenate(found), np.cumsum([len(one) for one in found]))
+
+
+class _Cells:
+    """Numbers (N,) float32 in order of 16 bits, which takes a fifth of the time that their own order would."""
+
+    def __init__(self, values: np.ndarray):
+        self._least = values.min() if len(values) else np.float32(0.0)
+        self._per_unit = np.float32(2**16 - 1) / max(values.max(initial=self._least) - self._least, np.float32(1e-6))
+        cell = self._cell(values)
+        self._order = np.argsort(cell, kind="stable")
+        self._sorted = cell[self._order]
+
+    def between(self, first: float, last: float) -> np.ndarray:
+        """Indices of all numbers from first to last, and of some beside them: no cell is lower than one before it."""
+        begin, end = self._cell(np.array([first, last], np.float32))
+        return self._order[np.searchsorted(self._sorted, begin, "left") : np.searchsorted(self._sorted, end, "right")]
+
+    def _cell(self, values: np.ndarray) -> np.ndarray:
+        return np.clip((values - self._least) * self._per_unit, 0, 2**16 - 1).astype(np.uint16)
 
 
 def shifts_of(scene: TriangleScene, shown: Iterable[Beside], rows: np.ndarray, most: float) -> dict[int, Shift]:

@@ -37,11 +37,12 @@ class Draft:
         self._changed: dict[int, Any] = {}
         self._removed: set[int] = set()
         self._history: Any = None
+        self._version = version(SOFTWARE)  # asked once: it reads a file
 
     @property
     def software(self) -> str:
         """Name and version of what edits."""
-        return f"{SOFTWARE} {version(SOFTWARE)}"
+        return f"{SOFTWARE} {self._version}"
 
     def create(self, kind: str, *values: Any, **named: Any) -> Any:
         """A new entity, or a value of a type when `kind` is none of an entity."""
@@ -98,7 +99,7 @@ class Draft:
             known = [one for one in self.model.by_type("IfcApplication") if one.ApplicationIdentifier == SOFTWARE]
             # The schema wants this identifier once in a file, which may be an update of an update.
             application = known[0] if known else self.create(
-                "IfcApplication", organization, version(SOFTWARE), SOFTWARE, SOFTWARE
+                "IfcApplication", organization, self._version, SOFTWARE, SOFTWARE
             )  # fmt: skip
             self._history = self.create(
                 "IfcOwnerHistory",

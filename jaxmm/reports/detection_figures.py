@@ -3,7 +3,7 @@
 N points of one panel. Azimuth to the left and elevation upwards, in degrees, as `jaxmm.reports.panorama` has them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +21,7 @@ from jaxmm.reports.plan_figure import plan_figure
 from jaxmm.verdicts.mismatch_points import mismatch_points
 from jaxmm.verdicts.results import Detection
 
+FIGURES = ("plan.png", "evidence.png", "probability.png")
 MOST_SCANS = 4  # that get a panorama
 MOST_POINTS = 60_000  # in a panel
 SPACING = 0.1  # [m] between drawn points, about
@@ -59,15 +60,15 @@ class Panel(NamedTuple):
     mismatch: np.ndarray  # (N,) int32 index of the mismatch that the point shows; -1
 
 
-def write_figures(folder: Path, detection: Detection) -> list[Path]:
-    """Write plan.png, evidence.png and probability.png into an existing folder; returns their paths.
+def write_figures(folder: Path, detection: Detection, names: Sequence[str] = FIGURES) -> list[Path]:
+    """Write FIGURES, or some of them, into an existing folder; returns their paths.
 
     The detection has one scan at least; of more than MOST_SCANS, the plan alone shows all.
     """
-    drawn = {"plan.png": plan_figure, "evidence.png": evidence_figure, "probability.png": probability_figure}
-    for name, draw in drawn.items():
-        draw(detection, folder / name)
-    return [folder / name for name in drawn]
+    drawn = dict(zip(FIGURES, (plan_figure, evidence_figure, probability_figure), strict=True))
+    for name in names:
+        drawn[name](detection, folder / name)
+    return [folder / name for name in names]
 
 
 @styled

@@ -1,7 +1,8 @@
 """What is drawn of a detection, by a process beside the one that detects and writes all else.
 
-It loads Matplotlib while scans are read and compared, and draws while tables and models are written. Where a process
-cannot be split (no fork; JAX, or threads, are there already), everything is drawn in its place, to the same bytes.
+It loads Matplotlib while scans are read and compared, and draws while tables and models are written: the plan and the
+pictures of topics itself, and what every direction said by one more process, its copy. Where a process cannot be split
+(no fork; JAX, or threads, are there already), everything is drawn in its place, to the same bytes.
 """
 
 import contextlib
@@ -17,6 +18,7 @@ from typing import Any
 
 from jaxmm.verdicts.results import Detection
 
+ENDED = "the process that draws was ended"
 _waiting: list[Connection] = []  # to the process that waits for something to draw
 
 
@@ -26,7 +28,7 @@ def drawing_beside() -> Iterator[None]:
     process = None
     if _can_split():
         near, far = multiprocessing.Pipe()
-        process = multiprocessing.get_context("fork").Process(target=_wait, args=(far, near), daemon=True)
+        process = multiprocessing.get_context("fork").Process(target=_wait, args=(far, near))
         process.start()
         far.close()
         _waiting.append(near)
@@ -51,7 +53,8 @@ def drawing(folder: Path, detection: Detection) -> Iterator[Callable[..., None]]
         OSError: a file cannot be written.
     """
     if not _waiting:
-        _figures(folder, detection)
+        _plan(folder, detection)
+        _panoramas(folder, detection)
         yield functools.partial(_topics, folder, detection)
         return
     near = _waiting.pop()
@@ -68,15 +71,21 @@ def drawing(folder: Path, detection: Detection) -> Iterator[Callable[..., None]]
         try:
             error = near.recv()
         except (EOFError, ConnectionResetError):
-            error = OSError(None, "the process that draws was ended", str(folder))
+            error = OSError(None, ENDED, str(folder))
     if error is not None:
         raise error
 
 
-def _figures(folder: Path, detection: Detection) -> None:
-    from jaxmm.reports.detection_figures import write_figures  # Matplotlib takes half a second to load
+def _plan(folder: Path, detection: Detection) -> None:
+    from jaxmm.reports.detection_figures import FIGURES, write_figures  # Matplotlib takes half a second to load
 
-    write_figures(folder, detection)
+    write_figures(folder, detection, FIGURES[:1])
+
+
+def _panoramas(folder: Path, detection: Detection) -> None:
+    from jaxmm.reports.detection_figures import FIGURES, write_figures
+
+    write_figures(folder, detection, FIGURES[1:])
 
 
 def _topics(folder: Path, detection: Detection, *words: Any, **named: Any) -> None:
@@ -98,14 +107,43 @@ def _wait(far: Connection, near: Connection) -> None:
 
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         folder, detection = far.recv()
+        error = None
+        with _panoramas_beside(folder, detection) as failed:
+            try:
+                _plan(folder, detection)
+                while (asked := far.recv()) is not None:
+                    words, named = asked
+                    _topics(folder, detection, *words, **named)
+            except EOFError:
+                raise
+            except Exception as own:  # told on the other side, whatever it is
+                error = own
+        far.send(error or failed())
+
+
+@contextlib.contextmanager
+def _panoramas_beside(folder: Path, detection: Detection) -> Iterator[Callable[[], Exception | None]]:
+    """Within, one more process draws; afterwards, what is given tells how it failed, or None."""
+    near, end = multiprocessing.Pipe(duplex=False)
+
+    def draw() -> None:
+        near.close()  # `far` stays open: whoever waits there for its last holder waits for this process, too
         try:
-            _figures(folder, detection)
-            while (asked := far.recv()) is not None:
-                words, named = asked
-                _topics(folder, detection, *words, **named)
-        except EOFError:
-            raise
-        except Exception as error:  # told on the other side, whatever it is
-            far.send(error)
+            _panoramas(folder, detection)
+        except Exception as error:
+            end.send(error)
         else:
-            far.send(None)
+            end.send(None)
+
+    process = multiprocessing.get_context("fork").Process(target=draw)
+    process.start()
+    end.close()
+    said: list[Exception | None] = []
+    try:
+        yield lambda: said[0]
+    finally:
+        try:
+            said.append(near.recv())
+        except EOFError:
+            said.append(OSError(None, ENDED, str(folder)))
+        process.join()

@@ -14,17 +14,20 @@ import os, sys
 from pathlib import Path
 from jaxmm.reports import drawing_process
 
-def figures(folder, detection):
-    if detection == "fails":
-        raise OSError(28, "No space left on device", str(folder))
-    if detection == "dies":
-        os._exit(3)
-    (folder / "drawn").write_text(f"{os.getpid()} {detection}")
+def drawn(name):
+    def draw(folder, detection):
+        if detection == f"{name} fails":
+            raise OSError(28, "No space left on device", str(folder))
+        if detection == f"{name} dies":
+            os._exit(3)
+        (folder / name).write_text(f"{os.getpid()} {detection}")
+    return draw
 
 def topics(folder, detection, project, version):
     (folder / "topics").write_text(f"{os.getpid()} {project} {version}")
 
-drawing_process._figures, drawing_process._topics = figures, topics
+drawing_process._plan, drawing_process._panoramas = drawn("plan"), drawn("panoramas")
+drawing_process._topics = topics
 folder = Path(sys.argv[1])
 with drawing_process.drawing_beside():
     try:
@@ -35,14 +38,15 @@ with drawing_process.drawing_beside():
     except OSError as error:
         print("error", error.errno, error.strerror)
     else:
-        number, *words = (folder / "drawn").read_text().split()
+        number, *words = (folder / "plan").read_text().split()
         by, *more = (folder / "topics").read_text().split()
-        print(int(number) != os.getpid() and by == number, *words, *more)
+        other, *_ = (folder / "panoramas").read_text().split()
+        print(len({number, other, str(os.getpid())}) == 3 and by == number, *words, *more)
 with drawing_process.drawing_beside():
     pass
 with drawing_process.drawing(folder, "in place"):
     pass
-print((folder / "drawn").read_text().split()[0] == str(os.getpid()), drawing_process._waiting)
+print((folder / "panoramas").read_text().split()[0] == (folder / "plan").read_text().split()[0] == str(os.getpid()), drawing_process._waiting)
 print(os.path.exists(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
       and Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text())
 """
@@ -53,9 +57,11 @@ print(os.path.exists(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
     "asked, expected",
     [
         ("detection", "True detection house 2.1"),
-        ("fails", "error 28 No space left on device"),
+        ("plan fails", "error 28 No space left on device"),
+        ("panoramas fails", "error 28 No space left on device"),
         ("interrupted", "error 4 Interrupted"),
-        ("dies", "error None the process that draws was ended"),
+        ("plan dies", "error None the process that draws was ended"),
+        ("panoramas dies", "error None the process that draws was ended"),
     ],
 )
 def test_what_is_drawn_beside_is_there_and_what_fails_is_told(tmp_path, asked, expected):
@@ -71,10 +77,10 @@ def test_what_is_drawn_beside_is_there_and_what_fails_is_told(tmp_path, asked, e
 def test_with_other_threads_about_everything_is_drawn_in_place(tmp_path, monkeypatch):
     monkeypatch.setattr(drawing_process, "_can_split", lambda: False)
     drawn = []
-    for name in ("_figures", "_topics"):
+    for name in ("_plan", "_panoramas", "_topics"):
         monkeypatch.setattr(drawing_process, name, lambda *words: drawn.append(words))
     with drawing_process.drawing_beside():
         with drawing_process.drawing(tmp_path, "detection") as write_topics:
-            assert drawn == [(tmp_path, "detection")]
+            assert drawn == 2 * [(tmp_path, "detection")]
             write_topics("house")
-            assert drawn[1:] == [(tmp_path, "detection", "house")]
+            assert drawn[2:] == [(tmp_path, "detection", "house")]
