@@ -46,7 +46,8 @@ with drawing_process.drawing_beside():
     pass
 with drawing_process.drawing(folder, "in place"):
     pass
-print((folder / "panoramas").read_text().split()[0] == (folder / "plan").read_text().split()[0] == str(os.getpid()), drawing_process._waiting)
+by = {(folder / name).read_text().split()[0] for name in ("plan", "panoramas")}
+print(by == {str(os.getpid())}, drawing_process._waiting)
 print(os.path.exists(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
       and Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text())
 """
