@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.deviations.element_motion import Motion, Seen, motion_of
-from jaxmm.deviations.fits import CELL, CUT, Fit, cells_of, fit_of, fits_of_curved
+from jaxmm.deviations.element_motion import NORMAL, Motion, Seen, motion_of, telling
+from jaxmm.deviations.fits import CELL, CUT, UNKNOWN_SLOPE, Fit, cells_of, fit_of, fits_of_curved
 from jaxmm.deviations.meetings import STEEP, Meetings, groups_of, meetings_of
 from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors
 from jaxmm.deviations.shifted_columns import Shift, columns_of
@@ -49,9 +49,10 @@ class Deviation(NamedTuple):
     half: float = 0.0  # half the width of the interval of `distance`
     stands: float = 1.0  # share of the rays that could reach it, that end on it
     scans: tuple[int, ...] = ()  # numbers of those that show it
-    worst: float = 0.0  # [m] 95 % of its places are so near to the model
+    worst: float = 0.0  # [m] where it is turned or leans, its ends are off by more than this less `half`
     step: tuple[float, float, float] = (0.0, 0.0, 0.0)  # offset as its pose has it, though that may be off
     sizes: tuple[float, float] = (1.0, 1.0)  # [m] its length, and that over which it leans
+    before: bool = False  # it may be the front of what stands before it that was measured
 
     @property
     def most(self) -> float:
@@ -87,7 +88,7 @@ def shifted(one: Deviation, shift: Shift) -> Deviation:
 
 
 # Fields that are not in report.json.
-PRIVATE = ("turned", "half", "stands", "scans", "worst", "step", "sizes")
+PRIVATE = ("turned", "half", "stands", "scans", "worst", "step", "sizes", "before")
 
 
 def is_told(one: Deviation) -> bool:
@@ -163,16 +164,18 @@ def _seen(group: Meetings, fit: Fit, pose: PoseError, sensor: np.ndarray) -> See
     """A fitted face, its rays summed up."""
     element, way, bare = int(group.element[0]), int(group.group[0]), fit._replace(on=NO_RAYS, left=NO_RAYS)
     if not fit.first:
-        return Seen(element, way, bare, fit.rays, np.zeros(3), NO_CELL, NO_RAYS, np.zeros((2, 0)))
+        return Seen(element, way, bare, fit.rays, np.zeros(3), NO_CELL, NO_RAYS, *np.zeros((2, 2, 0)))
     on, ends, normal = fit.on, group.end[fit.on], group.normal[fit.on]
     cell, number, count = np.unique(cells_of(ends @ fit.axes.T), return_inverse=True, return_counts=True)
     offs = []
+    left = np.bincount(number, fit.left[on]) / count
     for step in (pose.correction, np.zeros(6)):
         moved = step[:3] + np.cross(step[3:], ends - sensor)
         off = group.off[on] + np.einsum("kc,kc->k", moved, normal)
-        offs.append(np.abs(np.bincount(number, off) / count))
-    apart = np.abs(np.bincount(number, fit.left[on]) / count)
-    return Seen(element, way, bare, fit.rays, normal.sum(axis=0), cell, apart, np.stack(offs))
+        offs.append(np.bincount(number, off) / count)
+    offs = np.stack(offs)
+    faces = np.abs(offs - left)
+    return Seen(element, way, bare, fit.rays, normal.sum(axis=0), cell, np.abs(left), np.abs(offs), faces)
 
 
 def _bodies(scene: TriangleScene, rows: Iterable[int]) -> dict[int, _Body]:
@@ -199,7 +202,8 @@ def _fits(scene: TriangleScene, met: Meetings, slender: np.ndarray) -> list[tupl
     ways = np.bincount([int(group.element[0]) for group in groups], minlength=len(scene.triangles.semantic))
     rounds = np.isin(np.arange(len(ways)), slender) & (ways >= ROUND)
     flat = [group.thinned() for group in groups if not rounds[group.element[0]]]
-    found = [(group, fit_of(group)) for group in flat]
+    low, high = (bound[:, 2].astype(np.float64) for bound in element_bounds(scene.triangles))
+    found = [(group, fit_of(group, low[group.element[0]], high[group.element[0]])) for group in flat]
     for row in np.flatnonzero(rounds):
         body = met.of(met.element == row).thinned()
         found += [(body, fit) for fit in fits_of_curved(body)]
@@ -225,6 +229,7 @@ def _deviation(
     seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray], body: _Body, tolerance: float
 ) -> Deviation:
     middle = (body.low + body.high) / 2.0
+    seen = telling(seen, poses, sensors, middle)
     motion = motion_of(seen, poses, sensors, middle)
     told = bool(np.any(motion.keep))
     # Whatever its pose, it stands about where the pose as it is has it: it is neither gone nor new.
@@ -234,7 +239,8 @@ def _deviation(
     spans = [judged.span(way) for way in (*np.eye(3), direction)]
     opened = [not told or np.linalg.norm(judged.keep @ way) < np.sin(AXIS) for way in np.eye(3)]
     flatness, worst, covered = _surface(seen, 0 if told else 1, tolerance)
-    half, distance = (spans[3][1] - spans[3][0]) / 2.0, float(step @ direction)
+    distance = float(step @ direction)
+    half = max(spans[3][1] - distance, distance - spans[3][0])
     on = sum(one.rays for one in seen)
     could = on + sum(one.fit.through for one in seen if one.fit.first)
     turn, lean = judged.angles
@@ -246,8 +252,8 @@ def _deviation(
         _plain(offset),
         tuple(None if no else (float(a), float(b)) for no, (a, b) in zip(opened, spans[:3], strict=True)),
         distance, _plain(direction), turn, lean, flatness, float(min(1.0, covered / max(body.area, 1e-9))), on, classes,
-        _plain(judged.turned), half, float(on / max(could, 1)), tuple(sorted({one.scan for one in seen})), worst,
-        _plain(step), (long, high),
+        _plain(judged.turned), half, float(on / max(could, 1)), tuple(sorted({one.scan for one in seen})),
+        _ends(seen, 0 if told else 1, half), _plain(step), (long, high), any(one.fit.before for one in seen),
     )  # fmt: skip
 
 
@@ -296,6 +302,20 @@ def _surface(seen: list[Seen], pose: int, tolerance: float) -> tuple[float, floa
     apart, offs = [one.apart for one in faces], [one.off[pose] for one in faces]
     flatness, worst = (float(np.percentile(np.concatenate(all_of), 95.0)) for all_of in (apart, offs))
     return flatness, worst, covered
+
+
+def _ends(seen: list[Seen], pose: int, half: float) -> float:
+    """`worst`: what a twentieth of some face is surely off, and `half`; 0 [m] where none surely is.
+
+    Of faces as they were fitted, for ranges that err displace nothing. The errors of slopes add to those of the middle.
+    """
+    least = 0.0
+    for one in (one for one in seen if one.fit.first):
+        known = np.diag(one.fit.variance) < (UNKNOWN_SLOPE / 2.0) ** 2
+        ends = np.where(known, [1.0, *(2.0 * one.fit.extent)], 0.0)
+        error = np.hypot(half, NORMAL * float(np.sqrt(ends @ np.abs(one.fit.variance) @ ends)))
+        least = max(least, float(np.percentile(one.face[pose], 95.0)) - error)
+    return least + half if least > 0.0 else 0.0
 
 
 def _plain(vector: np.ndarray) -> tuple[float, float, float]:

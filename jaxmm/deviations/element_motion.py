@@ -29,6 +29,7 @@ class Seen(NamedTuple):
     cell: np.ndarray  # (C,) int64 places on the face; none of a fit that says the same rays again
     apart: np.ndarray  # (C,) float64 [m] off the fitted face
     off: np.ndarray  # (2, C) float64 [m] off the model's face, with the likeliest pose and as the pose is
+    face: np.ndarray  # (2, C) float64 [m] the same of the fitted face
     scan: int = 0  # number of the scan
 
 
@@ -38,7 +39,7 @@ class Motion(NamedTuple):
     step: np.ndarray  # (6,)
     covariance: np.ndarray  # (6, 6)
     swings: tuple[np.ndarray, ...]  # of each scan (A, 6): how much else it would be by A other poses of that scan
-    answers: tuple[np.ndarray, ...]  # (6,) what each scan says alone, where they contradict each other
+    answers: tuple[np.ndarray, ...]  # (6,) what else it may be: by each scan, or without what may be a cupboard
 
     @property
     def keep(self) -> np.ndarray:
@@ -75,6 +76,21 @@ class Motion(NamedTuple):
         return min([low, *others]) - half, max([high, *others]) + half
 
 
+def telling(
+    seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray
+) -> list[Seen]:
+    """The faces of one element that tell of it: without what may be fronts, where other faces fix the same way.
+
+    Arguments are those of `motion_of`.
+    """
+    rest = [one for one in seen if not one.fit.before]
+    if not rest or len(rest) == len(seen):
+        return seen
+    spread = _solved(rest, poses, sensors, middle)[1][:3, :3]
+    ways = [one.fit.normal for one in seen if one.fit.before]
+    return rest if all(way @ spread @ way < FIXED**2 for way in ways) else seen
+
+
 def motion_of(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray) -> Motion:
     """The motion of one element.
 
@@ -93,6 +109,9 @@ def motion_of(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.n
     answers: tuple[np.ndarray, ...] = ()
     if len(scans) > 1 and _are_at_odds(seen, best, poses, sensors, middle):
         answers = tuple(_solved([one for one in seen if one.scan == scan], poses, sensors, middle)[0] for scan in scans)
+    if any(one.fit.before for one in seen):
+        rest = [one for one in seen if not one.fit.before]
+        answers += (_solved(rest, poses, sensors, middle)[0] if rest else np.zeros(6),)
     return Motion(best, spread, swings, answers)
 
 

@@ -23,6 +23,10 @@ BENT = np.radians(0.5)  # that normals of one face may differ by; of a bent one,
 LEAST_SIGMA = 0.0001  # [m] of exact rays
 CUT = 4.0  # standard deviations, beyond which a ray has no say
 ROUNDS, SETTLED = 10, 1e-6  # [m] of level, and of slopes
+# [m] before a face, from which on a cupboard's front may be there; of those up to so far below the wall's head, or so
+# high above its foot, at least.
+FRONT, BELOW, CUPBOARD = 0.1, 0.12, 2.6
+LEAST_BESIDE = 0.01  # share of the rays, that must end behind a front to tell of the wall
 RADIUS = 0.002  # [m] that a shaft may be thicker or thinner than drawn, which looks like a shift toward the sensor
 OVAL = 0.05  # of the radius, that a round shaft may be off a circle
 UNKNOWN_SLOPE = 1.0  # of what tells no slope: far more than any
@@ -50,6 +54,7 @@ class Fit(NamedTuple):
     left: np.ndarray  # (K,) [m] of all rays off it
     through: int  # rays that end clearly behind it
     every: int  # rays that each of these stands for
+    before: bool = False  # it may as well be the front of what stands before the face, which nobody saw then
     first: bool = True  # of a round body, all ways but one say the same rays again
 
     @property
@@ -58,8 +63,14 @@ class Fit(NamedTuple):
         return int(self.on.sum()) * self.every if self.first else 0
 
 
-def fit_of(group: Meetings) -> Fit | None:
-    """Where the face of a group stands; None where too little ends on one."""
+def fit_of(group: Meetings, foot: float, head: float) -> Fit | None:
+    """Where the face of a group stands; None where too little ends on one.
+
+    Args:
+        group: of one element.
+        foot: [m] where the element begins,
+        head: and where it ends.
+    """
     if len(group.off) < LEAST_RAYS:
         return None
     normal = group.normal.mean(axis=0)
@@ -71,10 +82,14 @@ def fit_of(group: Meetings) -> Fit | None:
     reaches = group.off < IN_PLACE
     if near.sum() >= max(LEAST_RAYS, STANDS * reaches.sum()) and _is_wide(place[near]):
         return _fitted(group, place, (normal, axes), near)
-    start = _plane_of_most(group, place)
+    high = min(head - BELOW, foot + CUPBOARD)
+    start = _plane_behind(group, place, high)
     if start is None:
         return None
-    return _fitted(group, place, (normal, axes), start)
+    found = _fitted(group, place, (normal, axes), start)
+    if found is None or abs(normal[2]) > STEEP or found.level < FRONT:
+        return found
+    return found._replace(before=bool(group.end[found.on, 2].max() < high))
 
 
 def fits_of_curved(body: Meetings) -> list[Fit]:
@@ -128,7 +143,7 @@ def fits_of_curved(body: Meetings) -> list[Fit]:
         slope = np.array([0.0, along[1, 2] * float(normal[:2] @ lean)])
         found.append(Fit(
             middle, normal, along, float(normal[:2] @ shift), slope, variance, sigma,
-            (body.end[on] @ along.T).std(axis=0), on, left, through, body.every, not found,
+            (body.end[on] @ along.T).std(axis=0), on, left, through, body.every, first=not found,
         ))  # fmt: skip
     return found
 
@@ -189,9 +204,27 @@ def _axes(normal: np.ndarray) -> np.ndarray:
     return np.stack([level, np.cross(normal, level)])
 
 
-def _plane_of_most(group: Meetings, place: np.ndarray) -> np.ndarray | None:
+def _plane_behind(group: Meetings, place: np.ndarray, high: float) -> np.ndarray | None:
+    """(K,) bool: rays about the plane that most of them end on, or about one behind it that shows beside it.
+
+    A cupboard may hide nearly all of a wall, but does not reach up to its head [m]: what does is the wall.
+    """
+    found, among = None, np.arange(len(group.off))
+    while len(among) >= max(LEAST_RAYS, LEAST_BESIDE * len(group.off)):
+        on = _plane_of_most(group.of(among), place[among], high)
+        if on is None or not _is_wide(place[among[on]]):
+            break
+        found = among[on]
+        if group.end[found, 2].max() >= high:
+            break
+        plane = np.linalg.lstsq(np.column_stack([np.ones(len(found)), place[found]]), group.off[found], rcond=None)[0]
+        among = among[group.off[among] < plane[0] + place[among] @ plane[1:] - IN_PLACE]
+    return None if found is None else np.isin(np.arange(len(group.off)), found)
+
+
+def _plane_of_most(group: Meetings, place: np.ndarray, high: float) -> np.ndarray | None:
     """(K,) bool: rays about the plane that most of them end on; None where no plane has as many as pass behind it."""
-    rng = np.random.default_rng(0)
+    rng, place = np.random.default_rng(0), place - place.mean(axis=0)
     some = rng.permutation(len(group.off))[:TRIED]
     some = some[np.abs(group.off[some]) < MOST_OFF]
     if len(some) < LEAST_RAYS:
@@ -210,8 +243,12 @@ def _plane_of_most(group: Meetings, place: np.ndarray) -> np.ndarray | None:
     best = planes[np.argmax(np.sum(np.abs(apart) < width, axis=1))]
     off = group.off - best[0] - place @ best[1:]
     on = np.abs(off) < width
-    # Nothing may be seen through what stands; and what hides less than half of a face is furniture before it.
-    if on.sum() < max(LEAST_RAYS, STANDS * np.sum(off < width), STANDS * len(off) if best[0] > 0.0 else 0.0):
+    # Nothing may be seen through what stands; and what hides less than half of a face, and does not reach up to its
+    # head, is furniture before it.
+    least = max(LEAST_RAYS, STANDS * np.sum(off < width))
+    if best[0] > 0.0 and not np.any(group.end[on, 2] >= high):
+        least = max(least, STANDS * len(off))
+    if on.sum() < least:
         return None
     return np.abs(off) < max(CUT * 1.4826 * float(np.median(np.abs(off[on]))), 2.0 * LEAST_SIGMA)
 

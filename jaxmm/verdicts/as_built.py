@@ -90,7 +90,8 @@ def knows_deviations(prior: Prior, settings: DetectSettings) -> bool:
 def _is_off(one: Deviation) -> bool:
     """Whether an element surely stands, and surely not in its place, as the pose has it."""
     off = max(float(np.linalg.norm(one.step)), one.worst)
-    return one.stands >= STANDS and off > max(LEAST_MOVED, one.half if is_told(one) else 0.0)
+    open_by = one.half if is_told(one) and not one.before else 0.0  # either way what is seen there is not new
+    return one.stands >= STANDS and off > max(LEAST_MOVED, open_by)
 
 
 def _step(one: Deviation) -> tuple[np.ndarray, np.ndarray]:

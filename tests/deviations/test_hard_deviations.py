@@ -128,3 +128,42 @@ def test_mixed_ranges_along_one_edge_turn_no_wall():
     distance[: rays.measured][edge] -= np.float32(0.015)
     one = told(hall(), rays._replace(distance=distance))[FREE]
     assert edge.sum() > 100 and abs(one.turn) < 0.03 and abs(one.distance) < 5e-4
+
+
+@pytest.mark.parametrize("by", [-0.25, -0.06, 0.0, 0.05, 0.15])
+@pytest.mark.parametrize("beside", [0.1, 0.4])
+def test_a_wardrobe_before_a_wall_is_not_taken_for_it(by, beside):
+    """Its front hides all of the wall but what is above, and a little beside it."""
+    front = ((2.55 + by, beside / 2.0, 1.1), (0.02, 2.0 - beside / 2.0, 1.1), WALL)
+    real = moved(building_of((*HALL, front)).triangles, FREE, (by, 0.0, 0.0))
+    one = deviations_of(prepare(hall()), [seen(real, noise=0.002)], [EXACT], np.full(len(HALL), 0.03))[FREE]
+    assert one.distance == pytest.approx(-by, abs=1e-3) and one.half < 0.01
+
+
+NEAR_BY = np.array([1.2, 0.0, 1.4])  # from where the head of the free wall is out of view
+
+
+def test_a_front_that_hides_all_that_is_seen_of_a_wall_leaves_open_where_it_stands():
+    front = ((2.6, 0.0, 1.1), (0.02, 2.0, 1.1), WALL)
+    one = deviations_of(
+        prepare(hall()), [seen(building_of((*HALL, front)).triangles, NEAR_BY)], [EXACT], np.full(len(HALL), 0.03)
+    )[FREE]
+    low, high = one.interval[0]
+    assert low <= -0.32 and high >= 0.0 and one.surely == 0.0
+    # A scan that sees above it, or the other side, knows.
+    for other in (PLACE, np.array([4.5, 0.2, 1.4])):
+        scans = seen(building_of((*HALL, front)).triangles, NEAR_BY), seen(building_of((*HALL, front)).triangles, other)
+        known = deviations_of(prepare(hall()), list(scans), [EXACT] * 2, np.full(len(HALL), 0.03))[FREE]
+        assert abs(known.distance) < 1e-3 and known.half < 0.02
+
+
+def test_a_wall_that_moved_toward_the_scanner_is_so_where_its_head_shows():
+    one = told(hall(), seen(moved(hall(), FREE, (-0.25, 0.0, 0.0))))[FREE]
+    assert one.distance == pytest.approx(0.25, abs=1e-4) and one.half < 0.01
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+def test_noise_displaces_no_wall(noise):
+    """Places of 0.1 m err by centimetres each, but the face that is fitted to all of them does not."""
+    found = told(hall(), seen(hall(), noise=noise), trust=EXACT)
+    assert max(one.surely for one in found.values()) < 0.004
