@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 
 from tests.cases.damage import damaged
-from tests.cases.valid_files import MODELS, PRIORS, SCANS
+from tests.cases.valid_beside import FOLDERS, POSES
+from tests.cases.valid_files import MODELS, PRIORS, SCANS, ValidFile
 from warp_scanner.cores import core_count
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -28,19 +29,28 @@ SECONDS = 20  # of computing, after which a reader hangs
 MEMORY = 1 << 30  # bytes of address space beyond what a process has when all is imported
 SWELLING = 256 << 20  # bytes of memory in use, by which a file of kilobytes must not raise the process
 Case = tuple[str, int]  # reader and number
-VALID = SCANS | PRIORS | MODELS
-GUARDED = ("ifc2x3", "ifc4")  # in a process of their own; here without it, as starting one takes half a second
+VALID = SCANS | FOLDERS | POSES | PRIORS | MODELS
+GUARDED = ("ifc2x3", "ifc4", "ifczip")  # in a process of their own, which takes half a second to start: here without
 
 
 def reader_of(name: str, guarded: bool) -> Callable[[Path], None]:
     """Reads a file and checks that what is accepted is as promised."""
-    if name in SCANS:
+    if name in SCANS or name in FOLDERS:
         from jaxmm.formats.readers import read_scans
 
         def read(path: Path) -> None:
             for scan in read_scans(path):
                 assert scan.points.dtype == np.float64 and scan.points.shape[1:] == (3,) and len(scan.points)
                 assert np.isfinite(scan.points).all(), "points that are not finite"
+
+    elif name in POSES:
+        from jaxmm.formats.poses import GivenPose, read_poses
+
+        def read(path: Path) -> None:
+            for pose in read_poses([str(path)]):
+                if isinstance(pose, GivenPose):
+                    assert np.isfinite([*pose.position, pose.yaw, pose.pitch, pose.roll]).all(), "not finite"
+                    assert np.allclose(pose.rotation @ pose.rotation.T, np.eye(3)), "no rotation"
 
     elif name in MODELS:
         from jaxmm.learning.model_files import load_models
@@ -51,10 +61,15 @@ def reader_of(name: str, guarded: bool) -> Callable[[Path], None]:
     else:
         from warp_scanner.buildings.files import read_building
         from warp_scanner.buildings.ifc_files import parse_ifc
+        from warp_scanner.buildings.ifc_zips import plain_file
         from warp_scanner.scenes.building import AS_IT_IS
 
         def read(path: Path) -> None:
-            building = parse_ifc(path, AS_IT_IS) if name in GUARDED and not guarded else read_building(path)
+            if name not in GUARDED or guarded:
+                building = read_building(path)
+            else:
+                with plain_file(path) as plain:
+                    building = parse_ifc(plain, AS_IT_IS)
             assert np.isfinite(building.triangles.vertices).all() and len(building.triangles.faces)
 
     return read
@@ -100,9 +115,8 @@ def work(cases: list[Case], guarded: bool) -> None:
         valid, readers = {}, {}
         for name in dict.fromkeys(name for name, _ in cases):
             valid[name], readers[name] = VALID[name](), reader_of(name, guarded)
-            path = Path(folder) / f"file{valid[name].ending}"
-            path.write_bytes(valid[name].data)
-            readers[name](path)  # what is valid must be read, and all is imported before the limit
+            # What is valid must be read, and all is imported before the limit.
+            readers[name](_written(Path(folder) / name, valid[name], valid[name].data))
         for stream in (1, 2):
             os.dup2(said.fileno(), stream)
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -110,10 +124,20 @@ def work(cases: list[Case], guarded: bool) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         for place, (name, number) in enumerate(cases):
             out.write(f"{place}\n")
-            path = Path(folder) / f"file{valid[name].ending}"
-            path.write_bytes(damaged(name, valid[name], number))
+            path = _written(Path(folder) / name, valid[name], damaged(name, valid[name], number))
             if flaw := _flaw(readers[name], path, said.fileno()):
                 out.write(f"{place} {flaw}\n")
+
+
+def _written(folder: Path, valid: ValidFile, data: bytes) -> Path:
+    """What to give to the reader: a file of that data, or a folder in which it is one."""
+    for place, beside in valid.beside.items():
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        (folder / place).write_bytes(beside)
+    path = folder / (valid.place or f"file{valid.ending}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+    return folder if valid.place else path
 
 
 def run(names: list[str], first: int, last: int) -> list[tuple[Case, str]]:

@@ -114,6 +114,16 @@ def _write_text(path: Path, blocks: Blocks) -> None:
             file.write(text_of(block, gap, end))
 
 
+def _write_ptx(path: Path, blocks: Blocks) -> None:
+    """One column, points in the world, and a header that tells no pose."""
+    axes = "1 0 0\n0 1 0\n0 0 1\n"
+    head = f"1\n{blocks.count}\n0 0 0\n{axes}1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+    with open(path, "wb") as file:
+        file.write(head.encode())
+        for block in blocks:
+            file.write(text_of(block, " ", " 0.5\n"))
+
+
 def text_of(points: np.ndarray, gap: str, end: str) -> bytes:
     """Lines such as `+0012.3456 -0000.0300 +0001.2000` of points within 10 km, 20 times as fast as formatting each."""
     units = np.rint(points / STEP).astype(np.int64)
@@ -155,4 +165,5 @@ FORMATS = {
     "pcd-compressed": Format("pcd", _write_packed_pcd), "e57": Format("e57", _write_e57),
     "las": Format("las", _write_las), "laz": Format("laz", _write_las), "xyz": Format("xyz", _write_text),
     "csv": Format("csv", _write_text), "npy": Format("npy", _write_npy), "npz": Format("npz", _write_npz),
+    "ptx": Format("ptx", _write_ptx),
 }  # fmt: skip

@@ -91,6 +91,7 @@ def detect(
         try:
             if alone:
                 shelves = [{"source": one} | ({} if scan is None else {"read": scan}) for one, scan in found]
+                del found  # else scans that are read already would be held until the end
                 stations = HeldStations(shelves, judges, settings)
                 stations.each(read_station, read, reading)
                 detection = detect_stations(read, stations, settings)

@@ -6,7 +6,7 @@ from typing import IO
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import RawScan, axes_of, check_swelling
+from jaxmm.formats.raw_scans import BLOCK, RawScan, axes_of, check_swelling, filled
 from jaxmm.inputs import InputError
 
 RAYS = {"distance", "direction", "origin", "rotation"}
@@ -21,8 +21,17 @@ def read_npy(path: Path) -> list[RawScan]:
     """
     with path.open("rb") as file:
         _header(path, file, "the array")
-    array = np.lib.format.open_memmap(path, mode="r")  # checks the size that is promised, and admits no objects
-    return [RawScan(np.array(_columns(path, array), np.float64))]
+        array = np.lib.format.open_memmap(path, mode="r")  # checks the size that is promised, and admits no objects
+        columns = _columns(path, array)
+        if array.dtype.names is not None or not array.flags.c_contiguous:
+            return [RawScan(np.array(columns, np.float64))]
+        width = array.shape[-1]
+        del array  # pages of a file that are looked at count as memory
+        rows = (
+            np.fromfile(file, columns.dtype, width * BLOCK).reshape(-1, width)[:, :3]
+            for _ in range(0, len(columns), BLOCK)
+        )
+        return [RawScan(filled(path, len(columns), rows))]
 
 
 def read_npz(path: Path) -> list[RawScan]:

@@ -131,15 +131,40 @@ def axes_of(names: Sequence[str]) -> list[int] | None:
 
 
 def returned(points: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Points (N, 3) without those at exactly 0, 0, 0, and a remark on them.
+    """Points (N, 3) without those at exactly 0, 0, 0, and a remark on them; they are moved together in place.
 
     Many devices write a ray so that came back from nowhere. One point may be measured there, and so it stays if it is
     the only one; and all stay if there are no others.
     """
-    zero = (points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0)
-    if not 1 < (none := int(zero.sum())) < len(points):
+    some = ~((points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0))
+    count, none = len(points), len(points) - int(some.sum())
+    if not 1 < none < count:
         return points, ()
-    return points[~zero], (f"{none} of {len(points)} points are at 0, 0, 0, where nothing came back, and are left out",)
+    told = f"{none} of {count} points are at 0, 0, 0, where nothing came back, and are left out"
+    return drawn_together(points, some), (told,)
+
+
+def nearer(points: np.ndarray, farthest: float) -> np.ndarray:
+    """(N,) bool: points (N, 3) whose coordinates are all finite and below `farthest`, whatever their sign."""
+    found = np.zeros(len(points), bool)
+    for start in range(0, len(points), BLOCK):  # what is held of all of them at once would be a third of the points
+        block = slice(start, start + BLOCK)
+        found[block] = (np.abs(points[block]) < farthest).all(axis=1)
+    return found
+
+
+def drawn_together(points: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Those of points (N, 3) that are kept, (N,) bool; moved together in place, as two copies may not fit."""
+    if kept.all():
+        return points
+    if not points.flags.writeable:
+        return points[kept]
+    count = 0
+    for start in range(0, len(points), BLOCK):
+        block = points[start : start + BLOCK][kept[start : start + BLOCK]]
+        points[count : count + len(block)] = block
+        count += len(block)
+    return points[:count]
 
 
 def to_world(points: np.ndarray, rotation: np.ndarray, position: np.ndarray) -> None:

@@ -23,7 +23,7 @@ from jaxmm.formats.las import read_las
 from jaxmm.formats.pcd import read_pcd
 from jaxmm.formats.ply import read_ply
 from jaxmm.formats.ptx import read_ptx
-from jaxmm.formats.raw_scans import FARTHEST, RawScan, returned
+from jaxmm.formats.raw_scans import FARTHEST, RawScan, drawn_together, nearer, returned
 from jaxmm.formats.text import read_text
 from jaxmm.formats.vtk import read_vtk
 from jaxmm.inputs import InputError, one_line
@@ -122,15 +122,13 @@ def _checked(path: Path, raw: RawScan) -> PointScan:
     points = np.asarray(raw.points, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"{path}: expected points of shape (N, 3), got {points.shape}")
-    there = np.abs(points[:, 0]) < FARTHEST
-    for axis in (1, 2):
-        there &= np.abs(points[:, axis]) < FARTHEST
+    count, there = len(points), nearer(points, FARTHEST)
     if not there.any():
-        raise NoPoints(f"{path}: expected points with finite coordinates, got none among {len(points)}")
+        raise NoPoints(f"{path}: expected points with finite coordinates, got none among {count}")
     remarks = raw.remarks
-    if lost := int((~there).sum()):
-        remarks += (f"{lost} of {len(points)} points have no finite coordinates and are left out",)
-        points = points[there]
+    if lost := count - int(there.sum()):
+        remarks += (f"{lost} of {count} points have no finite coordinates and are left out",)
+        points = drawn_together(points, there)
     points, told = returned(points)
     if all(np.ptp(points[:, axis]) == 0.0 for axis in range(3)):
         raise NoPoints(f"{path}: expected points in space, got {len(points)} times the same one")

@@ -79,12 +79,17 @@ def rays_of_scan(scan: PosedScan, seed: int = 0) -> ScanRays:
 
 def drawn(points: np.ndarray, position: np.ndarray, seed: int = 0) -> np.ndarray:
     """(K <= MOST_RAYS, 3) float64 [m]: of points (N, 3) as many as rays are needed, none of the sensor's housing."""
-    if len(points) > MOST_RAYS:
-        part = np.arange(MOST_RAYS + 1) * len(points) // MOST_RAYS  # one of each part of the file: evenly, none twice
-        points = points[part[:-1] + np.random.default_rng(seed).integers(0, np.diff(part))]
-    points = points.astype(np.float64)
+    points = even_draw(points, seed).astype(np.float64)
     reach = np.linalg.norm(points - position, axis=1)
     return points[(reach > NEAREST) & (reach < np.inf)]
+
+
+def even_draw(points: np.ndarray, seed: int = 0) -> np.ndarray:
+    """(K <= MOST_RAYS, 3): of points (N, 3) as many as rays are needed, of the sensor's housing as well."""
+    if len(points) <= MOST_RAYS:
+        return points
+    part = np.arange(MOST_RAYS + 1) * len(points) // MOST_RAYS  # one of each part of the file: evenly, none twice
+    return points[part[:-1] + np.random.default_rng(seed).integers(0, np.diff(part))]
 
 
 def overtaken(points: np.ndarray, position: np.ndarray) -> float:

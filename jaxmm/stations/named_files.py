@@ -15,7 +15,7 @@ from jaxmm.formats.poses import SEARCH, GivenPose
 from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import FITS
 from jaxmm.inputs import InputError, Misfit
-from jaxmm.rays.scan_rays import PosedScan
+from jaxmm.rays.scan_rays import PosedScan, even_draw
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
 from jaxmm.stations.sources import ScanSource, scan_of
 from jaxmm.verdicts.alignment import lay
@@ -25,7 +25,7 @@ from jaxmm.verdicts.scan_frames import FRAMES, OwnScan, frame_that_fits, own_sca
 from jaxmm.verdicts.searched_scans import searched_scan
 from jaxmm.verdicts.station_steps import Context, Shelf
 from warp_scanner.buildings.positions import away_from, span_of
-from warp_scanner.clouds.voxels import thin_clouds
+from warp_scanner.clouds.voxels import thinned_cloud
 from warp_scanner.scenes.building import ReadOptions
 from warp_scanner.sensors.sensors import OAK_D_PRO, Pinhole, Sensor
 
@@ -92,12 +92,14 @@ def told_of(file: Path) -> Iterator[None]:
 
 def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Reading) -> NamedScan:
     """One scan in its place, with all that was assumed about it."""
-    points, pose, source, told, contradictions = lay(prior, own, 1.0 if own.source == "searched" else reading.unit)
-    notes, sensor, deviation, doubts = [*scan.remarks, *own.notes, *told], reading.sensor, None, list(contradictions)
-    thin = points[thin_clouds([(points - prior.origin).astype(np.float32)], ESTIMATED_FROM)[0]]
+    laid = lay(prior, own, 1.0 if own.source == "searched" else reading.unit)
+    pose, source, sensor, deviation = laid.pose, laid.source, reading.sensor, None
+    notes, doubts = [*scan.remarks, *own.notes, *laid.notes], list(laid.doubts)
+    offsets = laid.offsets(prior.origin)
+    thin = laid.way(laid.own[thinned_cloud(offsets, ESTIMATED_FROM)])
     if pose is not None:
         view = (sensor.horizontal_fov, sensor.vertical_fov) if isinstance(sensor, Pinhole) else None
-        doubts += doubts_about(points, thin, *pose, view)
+        doubts += doubts_about(laid.way(even_draw(laid.own)), thin, *pose, view)
         # It changes nothing but what is drawn, and files of scanners that look around say nothing by it.
         if sensor is None and source == "given" and is_turned_away(thin, *pose):
             notes.append("hardly any of its points lies before the sensor, as it is turned: is its yaw right?")
@@ -110,7 +112,7 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
         notes.append(f"its pose is estimated{by}, for a camera that sees {view}")
         pose = viewpoint.position, GivenPose(viewpoint.position, viewpoint.yaw, viewpoint.pitch).rotation
         deviation = tuple(float(value) for value in viewpoint.deviation)
-    placed = PosedScan((points - prior.origin).astype(np.float32), pose[0] - prior.origin, pose[1], sensor)
+    placed = PosedScan(offsets, pose[0] - prior.origin, pose[1], sensor)
     _check_place(prior, placed, thin - prior.origin, source)
     return NamedScan(placed, name, len(scan.points), source, deviation, (*notes, *doubts), tuple(doubts))
 

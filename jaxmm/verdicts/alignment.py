@@ -6,12 +6,13 @@ N points of a scan. World frame: the prior's, metres, z up.
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxmm.formats.raw_scans import BLOCK
 from jaxmm.formats.units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height, thinned
 from jaxmm.inputs import Misfit
 from jaxmm.verdicts.priors import Y_UP_TO_Z_UP, Prior, distance_from, read_prior
@@ -22,6 +23,7 @@ SURE = 0.8  # share of points on the prior, from which no other way to read it i
 ON_A_MAP, TALL_ROOM = 5000.0, 50.0  # [m] a scan so far away is on a map grid; so high, it is in a small unit
 FAR_FROM_FILE = 0.5  # [m] a given pose may be from that of the file, and nothing is said
 ON_GRID = "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
+EVERY = 100  # points, of which one tells the middle of all
 STOREY = 3.0  # [m] about as high as scans are
 Y_UP = (".glb", ".gltf")  # by their standard
 
@@ -29,11 +31,25 @@ Y_UP = (".glb", ".gltf")  # by their standard
 class LaidScan(NamedTuple):
     """A scan where it lies on the prior, or is believed to."""
 
-    points: np.ndarray  # (N, 3) float64 [m] world
+    own: np.ndarray  # (N, 3) float64 points, in the file's frame and unit
+    way: Callable[[np.ndarray], np.ndarray]  # takes some of them (n, 3) to the world [m]
     pose: tuple[np.ndarray, np.ndarray] | None  # position (3,) [m] and rotation (3, 3); None: to be estimated
     source: str
     notes: tuple[str, ...]  # what was told by trying
     doubts: tuple[str, ...] = ()  # that its pose contradicts its file
+
+    @property
+    def points(self) -> np.ndarray:
+        """(N, 3) float64 [m] world."""
+        return self.way(self.own)
+
+    def offsets(self, origin: np.ndarray) -> np.ndarray:
+        """(N, 3) float32 [m] from an origin (3,) in the world, block by block: of a large scan no copies are held."""
+        found = np.zeros(self.own.shape, np.float32)
+        for start in range(0, len(found), BLOCK):
+            block = slice(start, start + BLOCK)
+            found[block] = self.way(self.own[block]) - origin
+        return found
 
 
 class MapGrid(NamedTuple):
@@ -75,18 +91,23 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
             + (", moved there by the pose in its file or not; " if untold else "; ")
             + _elsewhere(prior, scan, grid)
         )
-    points = scan.world(scan.points * fit.unit)
+    own, some = scan.points, scan.world(scan.points[::EVERY] * fit.unit)
+    way = _way(scan, fit.unit)
     position = scan.position * fit.unit if scan.source == "file" else scan.position
     pose = None if position is None else (position, scan.rotation)
     notes = (f"it fits the prior in {UNITS[fit.unit]}, and was read so",) if unit is None and fit.unit != 1.0 else ()
     notes = (*meant, *notes)
     stated = None if scan.stated is None else (grid.back if on_map else np.asarray)(scan.stated * fit.unit)
     if on_map:
-        moved = grid.back(points)
-        if pose is not None and (scan.source == "file" or _nearer(position, points, moved)):
+        if pose is not None and (scan.source == "file" or _nearer(position, some, grid.back(some))):
             pose = grid.back(position), grid.turn @ scan.rotation
-        points, notes = moved, (*notes, ON_GRID)
-    return _compared(LaidScan(points, pose, scan.source, notes, doubts), stated, scan.in_world)
+        way, notes = (lambda points, before=way: grid.back(before(points))), (*notes, ON_GRID)
+    return _compared(LaidScan(own, way, pose, scan.source, notes, doubts), stated, scan.in_world)
+
+
+def _way(scan: OwnScan, unit: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Takes points of a scan (n, 3), in its own frame and in a unit [m], to the frame that it is said to be in."""
+    return scan.world if unit == 1.0 else lambda points: scan.world(points * unit)
 
 
 def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
@@ -232,5 +253,5 @@ def _map_grid(prior: Prior) -> MapGrid | None:
 
 def _nearer(position: np.ndarray, points: np.ndarray, others: np.ndarray) -> bool:
     """Whether a position is nearer to the middle of some points (N, 3) than to that of others."""
-    near, far = (np.linalg.norm(position - np.median(some[::100], axis=0)) for some in (points, others))
+    near, far = (np.linalg.norm(position - np.median(some, axis=0)) for some in (points, others))
     return bool(near < far)

@@ -16,6 +16,7 @@ from jaxmm.rays.registration import MOST_LEFT, Registration, Rival, is_near, reg
 from jaxmm.rays.scan_rays import PosedScan
 
 MOST_POINTS = 60_000  # that a scan is registered by; it is thinned to one in 0.1 m anyway
+AT_ONCE = 1_000_000  # points that are moved
 LEAST_POINTS = 50  # of the prior in view, to compare anything with
 FAR_SHIFT, FAR_TURN = 0.1, 2.0  # [m], [deg] from which on the prior shows something else
 DOUBTED = 0.3  # share of what it sees of walls that lies on walls, below which it may be of another place
@@ -122,8 +123,12 @@ def place(
 
 def _moved(scan: PosedScan, motion: np.ndarray) -> PosedScan:
     turn, shift = motion[:3, :3], motion[:3, 3]
+    points = np.zeros(scan.points.shape, np.float32)
+    for start in range(0, len(points), AT_ONCE):  # in doubles they would be twice as large
+        block = slice(start, start + AT_ONCE)
+        points[block] = scan.points[block].astype(np.float64) @ turn.T + shift
     return scan._replace(
-        points=(scan.points.astype(np.float64) @ turn.T + shift).astype(np.float32),
+        points=points,
         position=turn @ scan.position + shift,
         rotation=turn @ scan.rotation,
     )

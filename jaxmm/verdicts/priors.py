@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from jaxmm.classes.telling_rays import Known
 from jaxmm.files import sha256_of
+from jaxmm.formats.raw_scans import to_world
 from jaxmm.formats.readers import READERS, PointScan, read_scans
 from jaxmm.formats.units import Distance
 from jaxmm.inputs import InputError
@@ -127,7 +128,9 @@ def carried_by_file(scan: PointScan) -> PointScan:
     """A scan that its file's pose takes to the world; as it is where there is none, or the reader did so."""
     if scan.position is None or scan.in_world:
         return scan
-    return scan._replace(points=scan.points @ scan.rotation.T + scan.position, in_world=True)
+    points = scan.points.copy()
+    to_world(points, scan.rotation, scan.position)
+    return scan._replace(points=points, in_world=True)
 
 
 def _upright(scan: PointScan, y_up: bool) -> PointScan:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.formats.poses import OPTICAL, GivenPose
+from jaxmm.formats.raw_scans import to_world
 from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import ON, Distance, fit_of, thinned
 from jaxmm.inputs import InputError
@@ -97,7 +98,8 @@ def own_scan(scan: PointScan, given: GivenPose | None, frame: str | None) -> Own
         if source == "given":
             points, carried = (points - scan.position) @ scan.rotation if scan.in_world else points, True
         elif not scan.in_world:
-            points = points @ rotation.T + position
+            points = points.copy()
+            to_world(points, rotation, position)
     stated = scan.position if source == "given" and frame == "world" else None
     return OwnScan(points, position, rotation, source, carried, stated, scan.in_world)
 

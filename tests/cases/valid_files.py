@@ -8,7 +8,7 @@ import re
 import struct
 import tempfile
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,6 +29,8 @@ class ValidFile(NamedTuple):
     # Takes the content out of what guards it (checksums, lengths, compression) and puts another one back.
     unwrap: Callable[[bytes], bytes] | None = None
     wrap: Callable[[bytes, bytes], bytes] | None = None  # of the valid file and the new content
+    place: str = ""  # in the folder that its reader is given; empty where the reader is given the file
+    beside: Mapping[str, bytes] = {}  # what else is in that folder
 
 
 def _saved(ending: str, write: Callable[[Path], object]) -> bytes:
@@ -43,6 +45,14 @@ def ply_text() -> ValidFile:
     header += "property double z\nproperty uchar red\nelement face 1\nproperty list uchar int vertex_indices\n"
     rows = "".join(f"{x} {y} {z} 7\n" for x, y, z in POINTS)
     return ValidFile(".ply", f"{header}end_header\n{rows}3 0 1 2\n".encode())
+
+
+def ply_lists() -> ValidFile:
+    """With lists among the vertices, of 0 to 3 numbers."""
+    header = "ply\nformat binary_big_endian 1.0\nelement vertex 40\nproperty list uchar int views\n"
+    header += "".join(f"property double {axis}\n" for axis in "xyz") + "end_header\n"
+    rows = (struct.pack(f">B{n % 4}i3d", n % 4, *range(n % 4), *point) for n, point in enumerate(POINTS))
+    return ValidFile(".ply", header.encode() + b"".join(rows))
 
 
 def ply_binary() -> ValidFile:
@@ -148,7 +158,7 @@ def ptx() -> ValidFile:
     return ValidFile(".ptx", (2 * scan).encode())
 
 
-def bag(kind: str) -> ValidFile:
+def bag(kind: str, livox: bool = False) -> ValidFile:
     """Two clouds of 40 points of a sensor that moves, and its transforms."""
     from tests.cases.bags import Types, write_bag
 
@@ -156,7 +166,8 @@ def bag(kind: str) -> ValidFile:
     for number in range(2):
         time, place = 100.0 + number, np.array([0.5 * number, 0.0, 1.5])
         messages.append(("/tf", time, types.tf(time, ("map", "lidar", (place, np.eye(3))))))
-        messages.append(("/points", time, types.cloud(time, "lidar", POINTS - GRID)))
+        cloud = (types.livox if livox else types.cloud)(time, "lidar", POINTS - GRID)
+        messages.append(("/points", time, cloud))
     with tempfile.TemporaryDirectory() as folder:
         path = write_bag(Path(folder) / "file", kind, messages)
         path = path if path.is_file() else next(one for one in path.iterdir() if one.suffix in (".db3", ".mcap"))
@@ -193,6 +204,13 @@ def _with_first_member(data: bytes, content: bytes) -> bytes:
     return made.getvalue()
 
 
+def ifczip() -> ValidFile:
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(zipfile.ZipInfo("model.ifc"), ifc_text("IFC4"), zipfile.ZIP_DEFLATED)
+    return ValidFile(".ifczip", made.getvalue(), _first_member, _with_first_member)
+
+
 def _solid():
     import trimesh
 
@@ -216,6 +234,23 @@ def stl_text() -> ValidFile:
 
 def glb() -> ValidFile:
     return ValidFile(".glb", _mesh(".glb").data, _glb_tree, _with_glb_tree)
+
+
+def glb_instances() -> ValidFile:
+    """A box of quantised corners, which stands at three places."""
+    import trimesh
+
+    from tests.cases.glb_files import gltf as arrays_to_gltf
+    from tests.cases.glb_files import write_glb
+
+    box, places = trimesh.creation.box((0.4, 3.0, 0.4)), np.array([[-2, 1.5, -1.2], [2, 1.5, 1.2], [0, 1.5, 3.0]], "f4")
+    corners = (box.vertices * 10000).astype("i2"), box.faces.astype("u2").ravel(), places, np.ones((3, 3), "f4")
+    told = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 2, "SCALE": 3}}}
+    node = {"name": "column", "mesh": 0, "scale": [1e-4] * 3, "extensions": told}
+    tree, blob = arrays_to_gltf([node], [(one, {}) for one in corners], [*told, "KHR_mesh_quantization"])
+    tree["meshes"] = tree["meshes"][:1]
+    made = _saved(".glb", lambda path: write_glb(path, tree, blob))
+    return ValidFile(".glb", made, _glb_tree, _with_glb_tree)
 
 
 def _glb_tree(data: bytes) -> bytes:
@@ -258,6 +293,7 @@ def _with_tensor_header(data: bytes, header: bytes) -> bytes:
 SCANS: dict[str, Callable[[], ValidFile]] = {
     "ply-text": ply_text,
     "ply-binary": ply_binary,
+    "ply-lists": ply_lists,
     "pcd-ascii": lambda: _pcd("ascii"),
     "pcd-binary": lambda: _pcd("binary"),
     "pcd-compressed": lambda: _pcd("binary_compressed"),
@@ -275,6 +311,7 @@ SCANS: dict[str, Callable[[], ValidFile]] = {
     "bag-ros1": lambda: bag("ros1"),
     "bag-mcap": lambda: bag("mcap"),
     "bag-sqlite3": lambda: bag("sqlite3"),
+    "bag-livox": lambda: bag("ros1", livox=True),
     "npy": npy,
     "npz-points": npz_points,
     "npz-rays": npz_rays,
@@ -282,10 +319,12 @@ SCANS: dict[str, Callable[[], ValidFile]] = {
 PRIORS: dict[str, Callable[[], ValidFile]] = {
     "ifc2x3": lambda: ValidFile(".ifc", ifc_text("IFC2X3")),
     "ifc4": lambda: ValidFile(".ifc", ifc_text("IFC4")),
+    "ifczip": ifczip,
     "mesh-obj": obj,
     "mesh-ply": lambda: _mesh(".ply"),
     "mesh-ply-text": lambda: _mesh(".ply", encoding="ascii"),
     "mesh-glb": glb,
+    "mesh-glb-instances": glb_instances,
     "mesh-gltf": gltf,
     "mesh-stl": lambda: _mesh(".stl"),
     "mesh-stl-text": stl_text,

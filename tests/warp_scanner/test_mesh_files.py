@@ -4,12 +4,12 @@ import base64
 import itertools
 import json
 import re
-import struct
 
 import numpy as np
 import pytest
 import trimesh
 
+from tests.cases.glb_files import gltf, write_glb
 from warp_scanner.buildings.files import read_building
 from warp_scanner.buildings.gltf_files import read_gltf
 from warp_scanner.buildings.obj_files import read_obj
@@ -133,39 +133,6 @@ def test_triangles_of_a_polygon_cover_it_once(name, turned):
         area = abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2
         assert len(triangles) == len(flat) - 2
         assert trimesh.triangles.area(corners[triangles]).sum() == pytest.approx(area)
-
-
-def gltf(nodes, accessors, required=()):
-    """A tree with one mesh for each pair of accessors: arrays, with how they are stored."""
-    blob, views, told = b"", [], []
-    for array, more in accessors:
-        kinds = {"f4": 5126, "i2": 5122, "u2": 5123, "i1": 5120, "u1": 5121, "u4": 5125}
-        width = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[1 if array.ndim == 1 else array.shape[1]]
-        views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": array.nbytes})
-        told.append(
-            {
-                "bufferView": len(views) - 1,
-                "componentType": kinds[array.dtype.str[1:]],
-                "count": len(array),
-                "type": width,
-                **more,
-            }
-        )
-        blob += array.tobytes() + bytes(-array.nbytes % 4)
-    meshes = [
-        {"primitives": [{"attributes": {"POSITION": n}, "indices": n + 1}]} for n in range(0, len(accessors) - 1, 2)
-    ]
-    tree = {"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": nodes, "meshes": meshes}
-    tree |= {"accessors": told, "bufferViews": views, "buffers": [{"byteLength": len(blob)}]}
-    tree["extensionsRequired"] = list(required)
-    return tree, blob
-
-
-def write_glb(path, tree, blob):
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(blob), 0x4E4942) + blob
-    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
 
 
 BOX = trimesh.creation.box((0.4, 3.0, 0.4))  # y up

@@ -1,6 +1,8 @@
 """IFC files that are packed: an .ifczip is a zip archive that holds one model as STEP text."""
 
 import contextlib
+import lzma
+import struct
 import tempfile
 import zipfile
 import zlib
@@ -13,6 +15,12 @@ SUFFIXES = (IFC, ZIPPED)
 MOST_PACKED = 100  # times its size in the archive
 SMALL = 32 << 20  # [bytes] up to which that is not asked
 _ENCRYPTED = 0x1  # flag of a member
+# What zipfile raises of a damaged archive: names that are none, places before the file, packings that it does not know
+# (NotImplementedError) and passwords (RuntimeError).
+_DAMAGE = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, UnicodeDecodeError, EOFError, OSError,
+    NotImplementedError, RuntimeError, OverflowError,
+)  # fmt: skip
 
 
 def is_ifc(path: Path) -> bool:
@@ -29,15 +37,16 @@ def ifc_text(path: Path) -> bytes:
     """
     if path.suffix.lower() != ZIPPED:
         return path.read_bytes()
-    try:
-        with zipfile.ZipFile(path) as archive:
-            member = _model_in(path, archive)
-            text = archive.read(member)  # no more than the archive says, or it raises
-    # What zipfile raises of a packing that it does not know (NotImplementedError), and of a password (RuntimeError).
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
-        why = " ".join(str(error).split())[:100] or type(error).__name__
-        raise ValueError(f"{path}: expected a zip archive that holds an IFC file, found it damaged ({why})") from error
-    return text
+    with open(path, "rb") as file:  # what the system says of the file itself is none of the archive's faults
+        try:
+            with zipfile.ZipFile(file) as archive:
+                member = _model_in(path, archive)
+                return archive.read(member)  # no more than the archive says, or it raises
+        except _DAMAGE as error:
+            why = " ".join(str(error).split())[:100] or type(error).__name__
+            raise ValueError(
+                f"{path}: expected a zip archive that holds an IFC file, found it damaged ({why})"
+            ) from error
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ import warp as wp
 from warp_scanner.kernels import voxels as kernels
 from warp_scanner.launches import check_cloud, joined, load, parts_of, share, share_out, starts_of, thread_count
 
+LARGE = 2**21  # points, from which on a cloud is thinned part by part
 _POINTS_AT_ONCE = 2**16  # of one thread: about 8 MB of scratch
 _FEWEST_ENTRIES = 16
 
@@ -53,6 +54,29 @@ def thin_clouds(clouds: Sequence[np.ndarray], size: float = 0.1, threads: int | 
         if indices is None:
             span = np.ptp(clouds[number], axis=0).max()
             raise ValueError(f"size {size} m is too small for clouds[{number}], which spans {span:.6g} m")
+    return kept
+
+
+def thinned_cloud(points: np.ndarray, size: float = 0.1) -> np.ndarray:
+    """One real point per voxel of a cloud of any size, in the memory of a few million points.
+
+    Of up to LARGE points it is what `thin_clouds` chooses. Of more they come part by part, with what was kept of the
+    parts before: then the point that is kept may be another of its voxel, somewhat farther from the mean of all.
+
+    Args:
+        points: (N, 3) [m].
+        size: edge of a voxel [m].
+
+    Returns:
+        (V,) int64 indices, ascending, one per occupied voxel.
+
+    Raises:
+        ValueError: as `thin_clouds` does.
+    """
+    kept = np.zeros(0, np.int64)
+    for start in range(0, len(points), LARGE):
+        kept = np.concatenate([kept, np.arange(start, min(start + LARGE, len(points)))])
+        kept = kept[thin_clouds([points[kept]], size)[0]]
     return kept
 
 
