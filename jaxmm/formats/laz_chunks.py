@@ -50,6 +50,7 @@ def check_chunks(path: Path, header: Any) -> bool:
         promised = sum(length for _, length in chunks)
         if promised > size - start:
             raise InputError(f"{path}: expected chunks that fit into its {size} bytes, got {promised} bytes of them")
+        _check_filled(path, chunks, header.point_count)
         if layers := _layers(record[0].record_data):
             _check_layers(path, file, [start + 8, *(length for _, length in chunks)], point, layers)
     return any(length == 0 for _, length in chunks)
@@ -69,6 +70,15 @@ def _check_table(path: Path, file: Any, start: int) -> None:
     _, count = struct.unpack("<II", file.read(8))
     if count > size // 4:
         raise InputError(f"{path}: expected chunks that fit into its {size} bytes, its table promises {count}")
+
+
+def _check_filled(path: Path, chunks: list[tuple[int, int]], count: int) -> None:
+    """Chunks without a byte may only stand behind all points: lazrs would take what follows for such a one."""
+    held = 0
+    for points, length in chunks:
+        if not length and held < count:
+            raise InputError(f"{path}: expected {count} points in its chunks, got an empty one after {held}")
+        held += points
 
 
 def _layers(record: bytes) -> int:

@@ -15,7 +15,8 @@ from typing import NamedTuple, TextIO
 import numpy as np
 
 from jaxmm.formats.raw_scans import MOST_POINTS, GrowingPoints, RawScan, to_world
-from jaxmm.formats.text import LONGEST_LINE, rows
+from jaxmm.formats.text import rows
+from jaxmm.formats.text_header import LONGEST_LINE
 from jaxmm.inputs import InputError
 
 LEAST_LINE = 6  # [bytes] of 0 0 0 and its end

@@ -10,24 +10,22 @@ float and split take longer); in blocks, as the lines of 50 million points take 
 import itertools
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple, TextIO
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import BLOCK, GrowingPoints, RawScan, axes_of
+from jaxmm.formats.raw_scans import BLOCK, GrowingPoints, RawScan
+from jaxmm.formats.text_header import (
+    DECIMAL_COMMA,
+    MOST_DIGITS,
+    UTF_8,
+    WINDOWS,
+    encoding_of,
+    fields_of,
+    is_count,
+    named_axes,
+    start_of,
+)
 from jaxmm.inputs import InputError, one_line
-
-LONGEST_LINE = 1 << 16  # [characters] of a line before the points
-MOST_DIGITS = 18  # of a number of points
-COMMENTS = ("#", "//")
-
-
-class _Start(NamedTuple):
-    """What stands before the points of a file."""
-
-    header: str  # a line that names x, y and z; empty where none does
-    count: int  # of points, where a line of its own says so, else 0
-    row: str  # the first row of numbers; empty where there is none
 
 
 def rows(
@@ -62,45 +60,70 @@ def read_text(path: Path) -> list[RawScan]:
     """The scans of a file whose header names X, Y and Z, or whose first three columns are plain numbers.
 
     Raises:
-        InputError: other columns, or X, Y or Z twice; decimal commas; a row that does not hold them; fewer rows than it
-            says; text that is not UTF-8.
+        InputError: other columns, or X, Y or Z twice; decimal commas where commas split the columns; a row that does
+            not hold them; fewer rows than it says; no text.
     """
+    encoding = encoding_of(path)
     try:
-        with open(path, encoding="utf-8-sig", errors="strict") as file:
-            start = _start(file)
-            delimiter = _delimiter(start.header or start.row)
-            names = [name.strip().strip('"') for name in start.header.lstrip("/# ").split(delimiter)]
-            columns = axes_of(names) if start.header else [0, 1, 2]
-            if columns is None:
-                raise InputError(f"{path}: expected columns X, Y and Z once each, got {', '.join(names)[:200]}")
-            _check_first(path, start.row, delimiter, names if start.header else None)
-            lines = filter(str.strip, itertools.chain([start.row], file))  # empty lines do not count
-            return list(_clouds(path, lines, start.count, delimiter=delimiter, usecols=columns))
+        return _read(path, encoding)
+    except UnicodeDecodeError as error:
+        if encoding != UTF_8:
+            raise InputError(f"{path}: expected UTF-8 text, got bytes that are none") from error
+    try:
+        return _read(path, WINDOWS)
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected UTF-8 text, got bytes that are none") from error
-    except InputError:
+
+
+def _read(path: Path, encoding: str) -> list[RawScan]:
+    try:
+        with open(path, encoding=encoding) as file:
+            start = start_of(file)
+            delimiter, names = start.delimiter, start.names()
+            columns = named_axes(names) if start.header else [0, 1, 2]
+            if columns is None:
+                raise InputError(f"{path}: expected columns X, Y and Z once each, got {', '.join(names)[:200]}")
+            commas = _has_decimal_commas(start.row, delimiter, columns)
+            _check_first(path, start.row.replace(",", ".") if commas else start.row, delimiter, names or None)
+            lines = filter(str.strip, itertools.chain([start.row], file))  # empty lines do not count
+            if commas:
+                lines = (line.replace(",", ".") for line in lines)
+            how = {"delimiter": delimiter, "usecols": columns, "quotechar": '"' if '"' in start.row else None}
+            told = ("its decimal commas were read as points",) if commas else ()
+            return [one._replace(remarks=told) for one in _clouds(path, lines, start.count, **how)]
+    except (InputError, UnicodeDecodeError):
         raise
     except ValueError as error:
         raise InputError(f"{path}: expected rows of numbers: {error}") from error
 
 
+def _has_decimal_commas(row: str, delimiter: str | None, columns: list[int]) -> bool:
+    """Whether a coordinate of a row has one, where commas do not split the columns."""
+    fields = fields_of(row, delimiter)
+    if delimiter == "," or len(fields) <= max(columns):
+        return False
+    return any(DECIMAL_COMMA.fullmatch(fields[column]) for column in columns)
+
+
 def _clouds(path: Path, lines: Iterator[str], count: int, **how: object) -> Iterator[RawScan]:
     """One scan after the other; `count` points are told of the first, 0 where nothing is."""
+    first = True
     while True:
         points = GrowingPoints()
-        _append(points, lines, count, **how)
-        if not len(points):
-            raise InputError(f"{path}: expected at least one row of points, got none")
+        if count or first:
+            _append(points, lines, count, **how)
+            if not len(points):
+                raise InputError(f"{path}: expected at least one row of points, got none")
         if len(points) < count:
             raise InputError(f"{path}: truncated: expected {count} points as it says itself, found {len(points)}")
         following = next(lines, "")
-        if following and not _is_count(following):  # more points than it says
+        if following and not is_count(following):  # more points than it says
             _append(points, itertools.chain([following], lines), 0, **how)
             following = ""
         yield RawScan(points.points())
         if not following:
             return
-        count = int(following[:MOST_DIGITS])
+        count, first = int(following[:MOST_DIGITS]), False
 
 
 def _append(points: GrowingPoints, lines: Iterator[str], count: int, **how: object) -> None:
@@ -109,40 +132,15 @@ def _append(points: GrowingPoints, lines: Iterator[str], count: int, **how: obje
         points.append(block)
 
 
-def _is_count(line: str) -> bool:
-    bare = line.strip()
-    return bare.isascii() and bare.isdigit()
-
-
-def _start(file: TextIO) -> _Start:
-    """All up to the first row: comments and empty lines are passed over, one that names the axes is the header."""
-    header, count = "", 0
-    while line := file.readline(LONGEST_LINE):
-        bare = line.strip()
-        names = {name.strip().strip('"').lower() for name in bare.lstrip("/# ").split(_delimiter(bare))}
-        if not header and names >= {"x", "y", "z"}:
-            header = bare
-        elif not count and _is_count(bare):
-            count = int(bare[:MOST_DIGITS])
-        elif bare and not bare.startswith(COMMENTS):
-            return _Start(header, count, line)
-    return _Start(header, count, "")
-
-
-def _delimiter(line: str) -> str | None:
-    return next((mark for mark in (";", ",", "\t") if mark in line), None)
-
-
 def _check_first(path: Path, line: str, delimiter: str | None, names: list[str] | None) -> None:
     """Refuse a table whose first row of numbers is none, or not of the columns that the header names, if it has one."""
-    fields = [field.strip() for field in line.split(delimiter)]
+    fields = fields_of(line, delimiter)
     words = line.split()
-    single = len(words) > 1 and all(word.count(",") == 1 and word.strip(",") == word for word in words)
-    if single or (delimiter != "," and any("," in field for field in fields)):
+    if names is None and len(words) > 1 and all(DECIMAL_COMMA.fullmatch(word.rstrip(",")) for word in words):
         raise InputError(f"{path}: expected numbers with a decimal point, got decimal commas: {line.strip()[:80]}")
     if names is None:
         if len(fields) < 3 or not all(map(_is_number, fields[:3])):
-            found = ", ".join(field.strip('"').lower() for field in fields)
+            found = ", ".join(field.lower() for field in fields)
             raise InputError(f"{path}: expected columns X, Y and Z, got {found[:200] or 'none'}")
         return
     wanted = len(names) - (names[-1:] == [""])  # a line may end in a delimiter

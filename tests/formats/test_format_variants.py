@@ -88,9 +88,9 @@ def test_viewpoints_of_pcd(tmp_path, viewpoint, posed):
 @pytest.mark.parametrize(
     "name, text, word",
     [
-        ("a.csv", "X;Y;Z\n1,5;2,5;3,5\n", "decimal commas: 1,5;2,5;3,5"),
         ("a.csv", "X,Y,Z\n1,5,2,5,3,5\n", "3 columns as its header names, got 6; decimal commas?"),
-        ("a.xyz", "1,5 2,5 3,5\n2,5 1,0 1,1\n", "decimal commas"),
+        ("a.xyz", "1,5, 2,5, 3,5\n2,5, 1,0, 1,1\n", "decimal commas: 1,5, 2,5"),
+        ("a.csv", "X;Y;Z\n1.234,5;2,5;3,5\n", "1.234.5"),
         ("a.csv", "X;Y\n1;2\n", "columns X, Y and Z, got x, y"),
         ("a.csv", "X;Y;Z\n", "at least one row"),
         ("a.csv", "X;Y;Z\n1;2;3\n4;;6\n", "rows of numbers"),
@@ -138,3 +138,46 @@ def test_what_others_write_before_the_points(tmp_path, start):
     body = "".join("{} {} {} 0.5\n".format(*point) for point in POINTS)
     (tmp_path / "a.xyz").write_text(start + body, encoding="utf-8")
     np.testing.assert_array_equal(read_scans(tmp_path / "a.xyz")[0].points, POINTS)
+
+
+ROW = "{0};{1};{2}\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "X;Y;Z\n" + ROW, "X\tY\tZ\n" + ROW.replace(";", "\t"), ROW.replace(";", " "), ROW,
+        "Punkt;X;Y;Z;Code\n" + f"Stütze 3;{ROW[:-1]};7\n",
+    ],
+    ids=["semicolons", "tabs", "blanks", "no header", "columns beside"],
+)  # fmt: skip
+def test_decimal_commas_where_commas_do_not_split_columns(tmp_path, text):
+    header, row = ("", text) if text.startswith("{") else text.split("\n", 1)
+    body = "".join(row.format(*(f"{value:.3f}".replace(".", ",") for value in point)) for point in POINTS)
+    (tmp_path / "a.csv").write_text(f"{header}\n{body}", encoding="utf-8")
+    (found,) = read_scans(tmp_path / "a.csv")
+    np.testing.assert_allclose(found.points, POINTS, atol=1e-3)
+    assert found.remarks == ("its decimal commas were read as points",)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "utf-16"])
+@pytest.mark.parametrize(
+    "header, order",
+    [
+        ("Nr;Rechtswert;Hochwert;Höhe", "012"), ("Nr;Hochwert;Rechtswert;Höhe", "102"), ("Nr;E [m];N [m];H [m]", "012"),
+        ("Nr;Z-Koordinate;X-Koordinate;Y-Koordinate", "201"), ("N°;Est;Nord;Altitude", "012"),
+        ("id;Easting;Northing;Elevation (m)", "012"), ('"Normals:0";"Points:0";"Points:1";"Points:2"', "012"),
+    ],
+)  # fmt: skip
+def test_columns_named_as_surveyors_do(tmp_path, header, order, encoding):
+    rows = "".join(";".join(["7", *(str(point[int(axis)]) for axis in order)]) + "\n" for point in POINTS)
+    (tmp_path / "a.csv").write_bytes(f"{header}\n{rows}".encode(encoding))
+    np.testing.assert_array_equal(read_scans(tmp_path / "a.csv")[0].points, POINTS)
+
+
+@pytest.mark.parametrize("header", ["lat;lon;h", "E;N;E;H", "Ost;Nord", "Est;Northing;Höhe", "x;y;height"])
+def test_columns_of_which_nobody_knows_what_they_are(tmp_path, header):
+    row = ";".join("1" * (header.count(";") + 1))
+    (tmp_path / "a.csv").write_text(f"{header}\n{row}\n{row}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="columns X, Y and Z"):
+        read_scans(tmp_path / "a.csv")

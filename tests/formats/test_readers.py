@@ -201,3 +201,15 @@ def test_text_that_is_no_vertices_is_refused(tmp_path, body, why):
     with pytest.raises(InputError) as told:
         read_scans(tmp_path / "a.ply")
     assert str(told.value).startswith(f"{tmp_path / 'a.ply'}: {why}")
+
+
+@pytest.mark.parametrize("gone", [0.0, np.nan, np.inf])
+def test_points_that_are_left_out_anywhere_leave_all_others_in_their_order(tmp_path, monkeypatch, gone):
+    """They are moved together in blocks, in place."""
+    monkeypatch.setattr(raw_scans, "BLOCK", 7)
+    points, lost = POINTS.copy(), np.random.default_rng(3).random(300) < 0.4
+    points[lost] = gone
+    np.save(tmp_path / "a.npy", points)
+    (found,) = read_scans(tmp_path / "a.npy")
+    np.testing.assert_array_equal(found.points, POINTS[~lost])
+    assert f"{lost.sum()} of 300 points" in found.remarks[0]

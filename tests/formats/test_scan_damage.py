@@ -155,8 +155,8 @@ def test_points_in_no_place_or_one_are_refused(tmp_path, name, value):
     assert any(word in line for word in ("finite", "the same one")), line
 
 
-def test_text_in_another_encoding_is_refused(tmp_path):
-    text = "X;Y;Z;Bauteil\n1;2;3;Säule\n".encode("latin-1")
+def test_bytes_that_no_text_holds_are_refused(tmp_path):
+    text = "X;Y;Z;Bauteil\n1;2;3;Säule\n4;5;6;\x81\n".encode("latin-1")
     assert "UTF-8" in refusal(tmp_path / "a.csv", text)
 
 
@@ -181,3 +181,18 @@ def test_names_of_priors_that_are_not_utf_8_are_read_or_refused_in_one_line(tmp_
         assert read_building(path).elements.guid
     except ValueError as error:
         assert str(path) in str(error) and "rename it" in str(error) and "\n" not in str(error)
+
+
+def test_chunks_of_laz_without_a_byte_are_refused_before_lazrs_sees_them(tmp_path):
+    """It would read what follows as the lengths of layers, and end the process for want of memory."""
+    lazrs, laspy = pytest.importorskip("lazrs"), pytest.importorskip("laspy")
+    valid, path = SCANS["laz-1.4"](), tmp_path / "a.laz"
+    path.write_bytes(valid.data)
+    with laspy.open(path) as file:
+        start = file.header.offset_to_point_data
+        layout = lazrs.LazVlr(file.header.vlrs.get("LasZipVlr")[0].record_data)
+    (table,) = struct.unpack("<q", valid.data[start : start + 8])
+    with open(path, "r+b") as file:
+        file.seek(table)
+        lazrs.write_chunk_table(file, [(0, 0), (40, table - start - 8)], layout)
+    assert "got an empty one after 0" in refusal(path, path.read_bytes())

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jaxmm.learning.preprocess import voxel_downsample
+from warp_scanner.clouds import voxels
 from warp_scanner.clouds.points import points_of
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.rooms.pairs import PairConfig, make_pairs
@@ -90,3 +91,17 @@ def test_gaps_and_bad_input():
         thin_clouds([np.full((3, 3), np.inf)])
     with pytest.raises(ValueError, match=r"\(N, 3\), got \(3,\)"):
         thin_clouds([np.zeros(3)])
+
+
+def test_a_cloud_is_thinned_part_by_part_to_one_point_a_voxel(monkeypatch):
+    monkeypatch.setattr(voxels, "LARGE", 700)
+    points = np.random.default_rng(4).uniform(-1.0, 1.0, (5000, 3)).astype(np.float32)
+    whole, parts = voxels.thin_clouds([points], 0.3)[0], voxels.thinned_cloud(points, 0.3)
+
+    def cells(rows):
+        return {tuple(cell) for cell in np.floor(points[rows] / 0.3 + 0.5).astype(int)}
+
+    assert len(parts) == len(whole) == len(cells(parts)) and cells(parts) == cells(whole)
+    assert (np.diff(parts) > 0).all()
+    np.testing.assert_array_equal(voxels.thinned_cloud(points[:700], 0.3), voxels.thin_clouds([points[:700]], 0.3)[0])
+    assert len(voxels.thinned_cloud(points[:0])) == 0

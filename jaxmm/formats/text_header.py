@@ -1,0 +1,128 @@
+"""What stands before the numbers of a text file: encoding, header, delimiter, and which columns are x, y and z.
+
+Surveyors' programs name columns in their language, and write decimal commas where commas do not split the columns.
+"""
+
+import csv
+import re
+import unicodedata
+from pathlib import Path
+from typing import NamedTuple, TextIO
+
+from jaxmm.formats.raw_scans import axes_of
+from jaxmm.inputs import InputError
+
+LONGEST_LINE = 1 << 16  # [characters] of a line before the points
+MOST_DIGITS = 18  # of a number of points
+COMMENTS = ("#", "//")
+UTF_8, WINDOWS = "utf-8-sig", "cp1252"
+HEAD = 4096  # [bytes] that tell the encoding
+MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+NO_TEXT = set(range(9)) | {11, *range(14, 27)}  # bytes that no text holds
+# Easting, northing and height, by how they are called in one program: all three of a row, or none.
+NAMES = (
+    ("x", "y", "z"), ("easting", "northing", "elevation"), ("easting", "northing", "height"), ("e", "n", "h"),
+    ("east", "north", "height"), ("east", "north", "elevation"), ("east", "north", "up"), ("e", "n", "z"),
+    ("rechtswert", "hochwert", "hohe"), ("rechts", "hoch", "hohe"), ("ost", "nord", "hohe"), ("e", "n", "hohe"),
+    ("ostwert", "nordwert", "hohe"), ("est", "nord", "altitude"), ("est", "nord", "hauteur"), ("est", "nord", "z"),
+    ("points0", "points1", "points2"), ("pointsx", "pointsy", "pointsz"),
+)  # fmt: skip
+# What a name says besides its axis.
+BESIDE = re.compile(r"koordinaten?|coordonnees?|coordinates?|coords?|koord|achse|axis|wert")
+UNITS = re.compile(r"\((?:mm|cm|m|ft|in)\)|\[(?:mm|cm|m|ft|in)\]")
+DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+
+
+class Start(NamedTuple):
+    """What stands before the points of a file, and their first row."""
+
+    header: str  # a line that names x, y and z; empty where none does
+    count: int  # of points, where a line of its own says so, else 0
+    row: str  # the first row of numbers; empty where there is none
+
+    @property
+    def delimiter(self) -> str | None:
+        """Between columns; None: blanks."""
+        line = self.header or self.row
+        found = delimiter_of(line)
+        # Without a header, blanks split what looks like decimal commas: 1,5 2,5 3,5.
+        words = self.row.split()
+        alone = not self.header and len(words) >= 3 and all(DECIMAL_COMMA.fullmatch(word) for word in words[:3])
+        return None if found == "," and alone else found
+
+    def names(self) -> list[str]:
+        """Of the columns, as the header has them."""
+        return fields_of(self.header.lstrip("/# "), self.delimiter) if self.header else []
+
+
+def encoding_of(path: Path) -> str:
+    """How the text of a file is encoded: UTF-8 if it can be, else what older programs write on Windows.
+
+    Raises:
+        InputError: it holds bytes that no text does.
+    """
+    with open(path, "rb") as file:
+        head = file.read(HEAD)
+        if (mark := head[:2]) in MARKS:
+            return MARKS[mark]
+        try:
+            head.decode("utf-8")
+        except UnicodeDecodeError as error:
+            if error.start < len(head) - 4 or len(head) < HEAD:  # no character that is cut off
+                if NO_TEXT.isdisjoint(head) and b"\n" in head:
+                    return WINDOWS
+                raise InputError(f"{path}: expected UTF-8 text, got bytes that are none") from error
+    return UTF_8
+
+
+def start_of(file: TextIO) -> Start:
+    """All up to the first row: comments and empty lines are passed over, one that names the axes is the header."""
+    header, count = "", 0
+    while line := file.readline(LONGEST_LINE):
+        bare = line.strip()
+        if not header and named_axes(fields_of(bare.lstrip("/# "), delimiter_of(bare)), once=False) is not None:
+            header = bare
+        elif not count and is_count(bare):
+            count = int(bare[:MOST_DIGITS])
+        elif bare and not bare.startswith(COMMENTS):
+            return Start(header, count, line)
+    return Start(header, count, "")
+
+
+def named_axes(names: list[str], once: bool = True) -> list[int] | None:
+    """Where x, y and z stand among the names of columns, in one of NAMES; None where they do not stand there once each.
+
+    `once` False: it is enough that they are there.
+    """
+    if {name.lower() for name in names} >= {"x", "y", "z"}:
+        return axes_of(names) if once else [0, 0, 0]
+    plain = [_plain(name) for name in names]
+    for axes in NAMES:
+        if all(plain.count(axis) == 1 for axis in axes):
+            return [plain.index(axis) for axis in axes]
+    return None
+
+
+def is_count(line: str) -> bool:
+    """Whether a line holds a number of points and nothing else."""
+    bare = line.strip()
+    return bare.isascii() and bare.isdigit()
+
+
+def delimiter_of(line: str) -> str | None:
+    """What splits a line into columns; None: blanks."""
+    return next((mark for mark in (";", ",", "\t") if mark in line), None)
+
+
+def fields_of(line: str, delimiter: str | None) -> list[str]:
+    """The columns of a line, without the quotes around them."""
+    if delimiter is None:
+        return [word.strip('"') for word in line.split()]
+    return [field.strip().strip('"') for field in next(csv.reader([line.strip()], delimiter=delimiter), [])]
+
+
+def _plain(name: str) -> str:
+    """A name in small letters without accents, units, and words for coordinates: "Y-Koordinate [m]" is y."""
+    letters = unicodedata.normalize("NFKD", UNITS.sub("", name.lower().replace("ö", "o").replace("oe", "o")))
+    bare = "".join(letter for letter in letters if letter.isascii() and letter.isalnum())
+    return BESIDE.sub("", bare) if bare not in ("rechtswert", "hochwert", "ostwert", "nordwert") else bare
