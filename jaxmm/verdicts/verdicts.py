@@ -18,6 +18,7 @@ PRESENT, DISPLACED, REMOVED, OCCLUDED, UNSCANNED = VERDICTS = (
     "present", "displaced", "removed", "occluded", "unscanned",
 )  # fmt: skip
 STANDS = 0.2  # share of the rays that tell of a removed element, that end on it: from here on a part of it may stand
+MANY = 500  # rays that tell, from which on those that bring nothing back hide nothing
 MOST_SURE = 12.0  # logit beyond which one scan is not trusted
 # Shares of an element's rays that go through, up to which its points' doubts count as much, and from which not at all.
 DOUBTED, UNDOUBTED = 0.8, 0.9
@@ -146,9 +147,13 @@ def retold(verdicts: list[Verdict], telling: list[Telling], settings: VerdictSet
 
 
 def is_seen(rays: np.ndarray, settings: VerdictSettings) -> np.ndarray:
-    """(E,) bool: whether enough of the rays (E, 4) went through an element or ended on it to tell."""
-    every = rays[:, [THROUGH, SUPPORT, BLOCKED, UNSEEN]].sum(axis=1)
-    return is_enough(rays[:, [THROUGH, SUPPORT]].sum(axis=1), every, settings)
+    """(E,) bool: whether enough of the rays (E, 4) went through an element or ended on it to tell.
+
+    Where an outer wall is gone most rays come back from nowhere: where many tell, those are not asked for a share.
+    """
+    tells, back = rays[:, [THROUGH, SUPPORT]].sum(axis=1), rays[:, [THROUGH, SUPPORT, BLOCKED]].sum(axis=1)
+    many = (tells >= MANY) & is_enough(tells, back, settings)
+    return many | is_enough(tells, back + rays[:, UNSEEN], settings)
 
 
 def is_enough(tells: np.ndarray, meant: np.ndarray, settings: VerdictSettings) -> np.ndarray:
