@@ -14,6 +14,7 @@ from jaxmm.inputs import InputError
 from jaxmm.rays.cloud_evidence import CloudPair, frame_of_pair, prior_view, robot_view
 from jaxmm.rays.evidence import features_of
 from jaxmm.rays.pair_evidence import expected_of, frames_of, prior_views, robot_views
+from jaxmm.rays.pools import normals_of
 from jaxmm.rays.viewpoint import estimate
 from warp_scanner.clouds.points import Kept
 from warp_scanner.rooms.pairs import Pairs, pairs_at
@@ -91,8 +92,9 @@ def _from_clouds(
         sensor = sensor if told is None else told
     element = pairs.dt.element[row, prior.pixel] if elements_known else None
     pair = CloudPair(prior.points, robot.points, sensor, element)
-    view = prior_view(pair, apart, 1) if removed else robot_view(pair, apart, 1)
-    return features_of(view, frame_of_pair(pair))
+    surfaces = normals_of(judged.points)  # which both steps below ask for
+    view = (prior_view if removed else robot_view)(pair, apart, 1, surfaces)
+    return features_of(view, frame_of_pair(pair), surfaces)
 
 
 def _estimated(clouds: tuple[np.ndarray, ...], sensor: Sensor, pitch: float) -> np.ndarray | None:

@@ -1,6 +1,7 @@
 """The simulator's settings out of those of a run: which rooms, which sensor, what stands where, what errs."""
 
 import dataclasses
+import functools
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,6 +43,7 @@ def load_config(path: Path) -> Config:
     return config
 
 
+@functools.lru_cache(maxsize=64)  # asked several times for each kind of pairs, and every field is checked
 def pair_config(config: Config, source: CloudSource) -> PairConfig:
     """The simulator's settings for one kind of pair.
 

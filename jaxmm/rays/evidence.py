@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.rays.pools import neighbourhood_of, pools_of
+from jaxmm.rays.pools import Surfaces, neighbourhood_of, pools_of
 
 FRACTIONS = ("through", "support", "blocked", "unseen")
 THROUGH, SUPPORT, BLOCKED, UNSEEN = range(4)
@@ -112,13 +112,14 @@ def fractions(count: np.ndarray) -> np.ndarray:
     return share
 
 
-def features_of(view: View, frame: Frame) -> np.ndarray:
+def features_of(view: View, frame: Frame, surfaces: Surfaces | None = None) -> np.ndarray:
     """The network's input (N, F) float32, columns as FEATURES; 0 where a point is in no pool or column.
 
     Pools are the prior's elements where they are known, else surfaces of points that most of their rays do not support.
+    `surfaces` are the `normals_of` the points, where they are known already.
     """
     points = np.asarray(view.points, np.float64)
-    share, (surface, pool) = fractions(view.count), _groups(view)
+    share, (surface, pool) = fractions(view.count), _groups(view, surfaces)
     stands = _heights(view, frame)
     own = [
         share,
@@ -144,12 +145,13 @@ def _heights(view: View, frame: Frame) -> Heights:
     return Heights((points[:, 2] - floor) / height, below, above)
 
 
-def _groups(view: View) -> tuple[np.ndarray, np.ndarray]:
+def _groups(view: View, surfaces: Surfaces | None) -> tuple[np.ndarray, np.ndarray]:
     """Number (N,) of the surface and of the pool that each point is of, the latter -1 for points in none."""
     known = view.element >= 0
     if known.all():
         return view.element, view.element
-    near, first = neighbourhood_of(np.asarray(view.points, np.float64)), view.element.max(initial=-1) + 1
+    near = neighbourhood_of(np.asarray(view.points, np.float64), surfaces)
+    first = view.element.max(initial=-1) + 1
     surface = np.where(known, view.element, pools_of(near, ~known) + first)
     unexplained = pools_of(near, ~known & (fractions(view.count)[:, SUPPORT] < EXPLAINED))
     return surface, np.where(known, view.element, np.where(unexplained >= 0, unexplained + first, -1))

@@ -32,6 +32,7 @@ BANDS = 8  # of ranges, each with its own share of gross errors: plants are far,
 LIKELIER = 5.0  # logarithm of the likelihood by which a growth must be better than none
 ROUNDS, ENOUGH = 40, 1e-3  # of expectation and maximization, at most, and change of the deviation that ends them
 MOST_ASKED = 2000  # ranges, or up to twice as many: they tell a deviation to a thirtieth
+WHOLE = 9.0  # standard deviations within which all errors are, to the last bit of a double
 LEAST_CUT = 0.3  # standard deviations up to which errors are asked, at least: fewer tell nothing of it
 LEAST_SIGMA = 1e-6  # [m] of exact ranges
 LEAST_FAR = 20  # ranges that tell how far off they are known, and
@@ -121,12 +122,15 @@ def _mixture(off: np.ndarray, shape: np.ndarray, bands: np.ndarray, gross: np.nd
     for _ in range(ROUNDS):
         # Only what is less than MOST_OFF off was asked: where they err by as much, it is the middle of them.
         cut = np.maximum(MOST_OFF / (sigma * shape), LEAST_CUT)
-        inside = erf(cut / np.sqrt(2.0))
+        # So far out, both of the below are 1 to the last bit.
+        is_whole = cut.min(initial=np.inf) >= WHOLE
+        inside = 1.0 if is_whole else erf(cut / np.sqrt(2.0))
         density = np.sqrt(2.0 / np.pi) / (sigma * shape) * np.exp(-0.5 * square / sigma**2) / inside
         normal = (1.0 - gross)[bands] * density
         total = normal + gross[bands] / MOST_OFF
         weight = normal / total
-        left = 1.0 - cut * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * np.square(cut)) / inside  # of the variance, within it
+        # Of the variance, within the cut.
+        left = 1.0 if is_whole else 1.0 - cut * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * np.square(cut)) / inside
         before, sigma = sigma, float(np.sqrt((weight * square).sum() / max((weight * left).sum(), 1e-12)))
         sigma = max(sigma, LEAST_SIGMA)
         gross = np.clip(1.0 - np.bincount(bands, weight, BANDS) / size, 1e-6, 1.0)

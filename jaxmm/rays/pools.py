@@ -17,6 +17,9 @@ BENT = 0.04  # share of a neighbourhood's variance across its plane, beyond whic
 ON_PLANE = 0.05  # [m] from the plane of a neighbour, within which a point at an edge may lie on it
 
 
+Surfaces = tuple[np.ndarray, np.ndarray]  # what `normals_of` gives
+
+
 class Neighbourhood(NamedTuple):
     """How the points of a scan lie to each other."""
 
@@ -26,27 +29,29 @@ class Neighbourhood(NamedTuple):
     off: np.ndarray  # (K, 2) float [m] of each of the pair from the plane through the other
 
 
-def normals_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def normals_of(points: np.ndarray, tree: cKDTree | None = None) -> Surfaces:
     """Unit normals (N, 3) float64 of the plane through each point's neighbours, sign arbitrary; and how bent it is.
 
     The latter (N,) is the share of the neighbours' variance that is across their plane: 0 on a wall, 0.07 at its edge.
+    `tree` is of the points, where there is one already.
     """
     points = np.asarray(points, np.float64)
     if not len(points):
         return np.zeros((0, 3)), np.zeros(0)
     count = min(NEIGHBOURS, len(points))
-    near = points[cKDTree(points).query(points, count)[1].reshape(len(points), count)]
+    near = points[(tree or cKDTree(points)).query(points, count)[1].reshape(len(points), count)]
     spread = near - near.mean(axis=1, keepdims=True)
     variance, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))
     return axes[:, :, 0], variance[:, 0] / np.maximum(variance.sum(axis=1), 1e-12)
 
 
-def neighbourhood_of(points: np.ndarray) -> Neighbourhood:
-    """The neighbours of all points (N, 3), and how their surfaces lie to each other."""
+def neighbourhood_of(points: np.ndarray, surfaces: Surfaces | None = None) -> Neighbourhood:
+    """The neighbours of all points (N, 3), and how their surfaces lie to each other; `surfaces` if they are known."""
     if not len(points):
         return Neighbourhood(np.zeros((0, 2), np.int64), np.zeros(0, bool), np.zeros(0, bool), np.zeros((0, 2)))
-    normal, bent = normals_of(points)
-    pairs = cKDTree(points).query_pairs(JOINT, output_type="ndarray")
+    tree = cKDTree(points)
+    normal, bent = surfaces or normals_of(points, tree)
+    pairs = tree.query_pairs(JOINT, output_type="ndarray")
     first, second = normal[pairs[:, 0]], normal[pairs[:, 1]]
     between = points[pairs[:, 1]] - points[pairs[:, 0]]
     off = np.abs(np.column_stack([np.einsum("kc,kc->k", between, other) for other in (second, first)]))

@@ -11,7 +11,8 @@ from jaxmm.data.labelled_rooms import clouds
 from jaxmm.data.preprocessed_pairs import sides_of
 from jaxmm.data.simulator_settings import CloudSource, pair_config
 from jaxmm.rays.cloud_evidence import CloudPair, frame_of_pair, prior_view, robot_view, side_of
-from jaxmm.rays.evidence import BLOCKED, FEATURES, SUPPORT, THROUGH, UNSEEN, fractions
+from jaxmm.rays.evidence import BLOCKED, FEATURES, SUPPORT, THROUGH, UNSEEN, features_of, fractions
+from jaxmm.rays.pools import normals_of
 from jaxmm.rays.rule import rule_scores
 from warp_scanner.rooms.pairs import make_pairs
 
@@ -136,3 +137,16 @@ def test_the_mixed_filter_leaves_furniture_in_half_of_the_rooms():
     filtered = np.equal(sizes["mixed"], sizes["height"]) & np.not_equal(sizes["mixed"], sizes["none"])
     whole = np.equal(sizes["mixed"], sizes["none"])
     assert np.all(filtered | whole) and 5 < filtered.sum() < 25
+
+
+@pytest.mark.parametrize("view_of, own", [(prior_view, 0), (robot_view, 1)])
+def test_surfaces_that_are_known_change_nothing(view_of, own):
+    rng = np.random.default_rng(0)
+    both = [points + 0.01 * rng.standard_normal(points.shape) for points in (wall(3.0), wall(2.8, -1.0, 1.0))]
+    pair, apart = CloudPair(*both, SENSOR), np.full(len(both[own]), 0.2)
+    known = normals_of(both[own])
+    first, second = view_of(pair, apart), view_of(pair, apart, surfaces=known)
+    for a, b in zip(first[:-1], second[:-1], strict=True):
+        np.testing.assert_array_equal(a, b)
+    frame = frame_of_pair(pair)
+    np.testing.assert_array_equal(features_of(first, frame), features_of(second, frame, known))

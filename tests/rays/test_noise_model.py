@@ -4,8 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.special import erf
 
-from jaxmm.rays.noise_model import EXACT, MOST_OFF, noise_of, sigma_at
+from jaxmm.rays import noise_model
+from jaxmm.rays.noise_model import EXACT, MOST_OFF, WHOLE, noise_of, sigma_at
 
 # Constant [m], linear and quadratic [1/m] part, of a terrestrial scanner, cheap ones, and a stereo camera.
 SHAPES = [(0.002, 0.0, 0.0), (0.02, 0.0, 0.0), (0.05, 0.0, 0.0), (0.003, 0.001, 0.0), (0.0, 0.003, 0.0),
@@ -83,3 +85,15 @@ def test_how_it_grows_is_asked_of_ranges_that_are_there():
 def test_exact_ranges_do_not_err():
     assert noise_of(np.full(4, np.inf), np.ones(4), np.ones(4)) == EXACT
     assert sigma_at(noise_of(np.zeros(100), np.ones(100), np.ones(100)), np.ones(2)).max() < 1e-5
+
+
+def test_beyond_whole_nothing_is_left_out_to_the_last_bit(monkeypatch):
+    cut = np.linspace(WHOLE, 60.0, 1000)
+    assert np.all(erf(cut / np.sqrt(2.0)) == 1.0)
+    assert np.all(1.0 - cut * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * np.square(cut)) == 1.0)
+    for shape, gross in itertools.product(SHAPES, (0.0, 0.3)):
+        residual, reach, _ = ranges(shape, gross, 20.0)
+        found = noise_of(residual, np.ones(len(reach)), reach)
+        monkeypatch.setattr(noise_model, "WHOLE", np.inf)
+        assert noise_of(residual, np.ones(len(reach)), reach) == found
+        monkeypatch.undo()
