@@ -6,6 +6,7 @@ M points of the prior, N of the robot. Positions are offsets from the prior's or
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from jaxmm.inputs import InputError
 from jaxmm.rays.cloud_evidence import FOOTPRINT, LEVELS, MOST_ANGLE, CloudPair, frame_of_pair, prior_view, robot_view
@@ -19,6 +20,7 @@ from warp_scanner.clouds.voxels import thin_clouds
 VOXEL = 0.1  # [m]
 LEAST_ROOM = 0.5  # [m] from floor to ceiling
 LEAST_POINTS = 50  # of the prior in view
+LEAST_BESIDE, BESIDE = 4, 0.25  # points of a prior so near [m] to one of its own that is of a surface: of a full one 20
 
 
 class Compared(NamedTuple):
@@ -43,7 +45,8 @@ def compare(cloud: np.ndarray, rays: ScanRays) -> Compared:
     robot = robot[thin_clouds([robot], VOXEL)[0]]
     pair = CloudPair(prior, robot, rays.position)
     forth, back = (nearest([a], [b])[0].distance.astype(np.float32) for a, b in ((prior, robot), (robot, prior)))
-    sides, frame = (prior_view(pair, forth), robot_view(pair, back)), frame_of_pair(pair)
+    of_prior = prior_view(pair, forth).at(on_surfaces(prior))
+    sides, frame = (of_prior, robot_view(pair, back)), frame_of_pair(pair)
     # A view that looks down ends below the ceiling: heights are those of all that is known of the storey.
     levels = levels_about(np.concatenate([cloud, robot]), rays.position)
     floor = frame.floor if levels.floor is None else levels.floor
@@ -62,6 +65,16 @@ def _highest(cloud: np.ndarray, sensor: np.ndarray, frame: Frame) -> float:
     """The height [m] of the highest parts of a cloud (M, 3) near a sensor (3,), no lower than its view has it."""
     near = cloud[np.hypot(*(cloud[:, :2] - sensor[:2]).T) <= NEAR, 2]
     return max(frame.ceiling, float(np.percentile(near, LEVELS[1]))) if len(near) else frame.ceiling
+
+
+def on_surfaces(points: np.ndarray) -> np.ndarray:
+    """(N,) bool: points (N, 3), one a voxel, that have others beside them, as surfaces have.
+
+    At the edges of things a scanner mixes the ranges of both sides. Such points hang in the air, in a thin sheet along
+    its line of sight; from another place one looks through that, as through a wall that is gone.
+    """
+    beside = cKDTree(points).query(points, LEAST_BESIDE + 1, distance_upper_bound=BESIDE)[0]
+    return np.isfinite(beside[:, -1])
 
 
 def visible(cloud: np.ndarray, rays: ScanRays) -> np.ndarray:

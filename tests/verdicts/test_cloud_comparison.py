@@ -5,7 +5,7 @@ import pytest
 
 from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
-from jaxmm.verdicts.cloud_comparison import compare, visible
+from jaxmm.verdicts.cloud_comparison import compare, on_surfaces, visible
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
 
 PLACE = np.array([0.0, 0.0, 1.2])
@@ -47,3 +47,28 @@ def test_a_wall_that_is_gone_is_looked_through():
 def test_a_prior_out_of_view_is_refused():
     with pytest.raises(InputError, match="points in view"):
         compare(wall(-3.0), scan_of(wall(3.0)))
+
+
+def veil(count=60):
+    """What a scanner beside PLACE mixes at an edge 2 m ahead of it with the wall 5 m ahead: a thin sheet of points."""
+    rng = np.random.default_rng(4)
+    share, z = rng.uniform(0.2, 0.9, count), rng.uniform(0.4, 2.2, count)
+    return np.column_stack([2.0 + 3.0 * share, -0.8 + 1.6 * share, z]).astype(np.float32)
+
+
+def test_points_that_hang_behind_an_edge_are_of_no_surface_and_all_of_sparse_walls_are():
+    rings = wall(8.0)[np.abs(np.mod(wall(8.0)[:, 2], 0.3)) < 0.05]  # of a spinning sensor, 0.3 m apart
+    for surface in (wall(3.0), wall(3.0, 0.14), rings):
+        assert on_surfaces(surface).mean() > 0.94
+        both = on_surfaces(np.concatenate([surface, veil()]))
+        assert both[: len(surface)].mean() > 0.94 and both[len(surface) :].mean() < 0.3
+
+
+def test_what_hangs_in_a_prior_is_not_judged_and_what_stands_there_is():
+    far = wall(5.0, 0.02)
+    found = compare(np.concatenate([veil(), wall(5.0)]), scan_of(far))
+    assert np.mean(found.prior.points[:, 0] < 4.7) < 0.01 and len(found.prior.points) > 0.9 * len(
+        visible(wall(5.0), scan_of(far))
+    )
+    stands = compare(np.concatenate([veil(), wall(3.0), wall(5.0)]), scan_of(far))
+    assert np.sum(stands.prior.points[:, 0] < 4.0) > 0.9 * len(visible(wall(3.0), scan_of(far)))
