@@ -25,7 +25,10 @@ AS_GIVEN, MARKED = (0.003, 0.003, 0.003, 0.001, 0.001, 0.001), 4.0  # [m, rad], 
 AS_GOOD = 2.0  # of the log likelihood: poses worse by no more are kept
 ANCHORS = 8  # faces that a solution is begun from, each believed alone
 ROUNDS = 30
-EXACT, KEPT, REGISTERED = TRUSTS = ("exact", "kept", "registered")  # believed; as given, and fits; moved until it fit
+# What other scans hold, they hold whatever moved: its faces alone would lay it at the pose's door.
+BY_OTHERS = (0.005, 0.005, 0.005, 0.002, 0.002, 0.002)  # [m, rad]
+# Believed; as given, and fits; moved until it fit; moved until it fit other scans.
+EXACT, KEPT, REGISTERED, HELD = TRUSTS = ("exact", "kept", "registered", "held")
 
 
 class PoseError(NamedTuple):
@@ -81,7 +84,9 @@ def pose_errors(fits: list[Fit], sensor: np.ndarray, trust: str = REGISTERED) ->
     """
     if trust == EXACT:
         return [EXACTLY._replace(place=_place_of(fits, np.array([fit.level for fit in fits]), 0))]
-    known = [(AS_GIVEN, 0.0), (GIVEN, MARKED)] if trust == KEPT else [(GIVEN, 0.0)]
+    known = [(BY_OTHERS if trust == HELD else GIVEN, 0.0)]
+    if trust == KEPT:
+        known = [(AS_GIVEN, 0.0), (GIVEN, MARKED)]
     if not fits:
         return [PoseError(np.diag(1.0 / np.square(known[0][0])), np.zeros(6), USUAL_PLACE)]
     new = USUAL_PLACE

@@ -35,6 +35,8 @@ from jaxmm.objects.main_directions import Uprights
 from jaxmm.objects.usual_sizes import OwnElements
 from jaxmm.objects.walls import KnownBuilding
 from jaxmm.rays.evidence import Frame, View
+from jaxmm.rays.joint_poses import Held, Station
+from jaxmm.rays.patches import Patches
 from jaxmm.rays.scan_rays import PosedScan, ScanRays
 from jaxmm.stations.sources import ScanSource
 from jaxmm.verdicts.behind_removed import Again, Past, Says
@@ -54,10 +56,10 @@ from warp_scanner.sensors.sensors import Pinhole, Spinning
 KINDS = {
     kind.__name__: kind
     for kind in (
-        Again, Alone, Beside, Building, Elements, Faces, Failure, Fit, Frame, GivenPose, Imperfections, Judged,
-        KnownBuilding, Looked, NamedScan, OwnElements, OwnScan, Past, Pinhole, Placed, PointScan, PosedScan, PoseError,
-        Prior, PriorFile, Says, ScanRays, Seen, Shown, Side, ScanSource, Spinning, Stood, Storeys, Told, Triangles,
-        Source, Taken, Telling, Twin, Uprights, View, Whole,
+        Again, Alone, Beside, Building, Elements, Faces, Failure, Fit, Frame, GivenPose, Held, Imperfections,
+        Judged, KnownBuilding, Looked, NamedScan, OwnElements, OwnScan, Past, Patches, Pinhole, Placed,
+        PointScan, PoseError, PosedScan, Prior, PriorFile, Says, ScanRays, ScanSource, Seen, Shown, Side,
+        Source, Spinning, Station, Stood, Storeys, Taken, Telling, Told, Triangles, Twin, Uprights, View, Whole,
     )
 }  # fmt: skip
 PLAIN = {"array", "number", "dict", "tuple", "list"}

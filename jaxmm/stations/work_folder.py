@@ -154,7 +154,14 @@ class KeptStations:
         self._results, self._shared, self._keep_going, self._bar = how
         self.left_out: list[str] = []
 
-    def each(self, step: Callable[..., Any], prior: Prior, *arguments: Any, may_leave_out: bool = False) -> list[Any]:
+    def each(
+        self,
+        step: Callable[..., Any],
+        prior: Prior,
+        *arguments: Any,
+        own: Sequence[Any] | None = None,
+        may_leave_out: bool = False,
+    ) -> list[Any]:
         """What a step gives of each station, in their order; those that cannot be used may be left out from then on.
 
         Raises:
@@ -163,13 +170,18 @@ class KeptStations:
         keep_going = self._keep_going and may_leave_out
         stored = self._stored(prior)
         key = digest_of(step.__name__, stored, arguments)
-        rows = [row._replace(digest=digest_of(row.digest, key)) for row in self._rows]
+        last = {row.number: () if own is None else (own[place],) for place, row in enumerate(self._rows)}
+        rows = [row._replace(digest=digest_of(row.digest, key, *last[row.number])) for row in self._rows]
         missing = [row for row in rows if not self._record(row).exists()]
         function = functools.partial(_done, (self._folder, stored, self._shared), step, arguments)
         errors: dict[int, InputError] = {}
         self._bar.total = max(self._bar.total, self._bar.n + len(rows))
         self._bar.update(len(rows) - len(missing))
-        tasks = ((row.number, row.digest, tuple(row.files.items())) for row in missing if not errors or keep_going)
+        tasks = (
+            (row.number, row.digest, tuple(row.files.items()), *last[row.number])
+            for row in missing
+            if not errors or keep_going
+        )
         for (number, *_), error in self._results(function, tasks):
             self._bar.update()
             if error is not None:
@@ -219,13 +231,13 @@ class _Loaded(Sequence[Any]):
 @threadpool_limits.wrap(limits=1, user_api="blas")  # sums of products come out otherwise on more threads
 def _done(
     where: tuple[Path, str, Shared], step: Callable[..., Any], arguments: tuple[Any, ...],
-    number: int, digest: str, files: tuple[tuple[str, str], ...],
+    number: int, digest: str, files: tuple[tuple[str, str], ...], *own: Any,
 ) -> tuple[str, str] | None:  # fmt: skip
     """Do a step of one station and leave its record; kind and words of an error of the user's."""
     folder, prior, shared = where
     shelf = WorkShelf(folder, number, digest, dict(files))
     try:
-        given = step(Context(_prior(folder / prior), _judges(shared.model), shared.settings), shelf, *arguments)
+        given = step(Context(_prior(folder / prior), _judges(shared.model), shared.settings), shelf, *arguments, *own)
     except InputError as error:
         return type(error).__name__, str(error)
     write_record(_record(folder, number, digest), (given, shelf.files))

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxmm.classes.selection import CLASSES
 from jaxmm.deviations.deviation import Deviation, Faces, deviations_by, is_told, shifted
-from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
+from jaxmm.deviations.pose_errors import EXACT, HELD, KEPT, REGISTERED
 from jaxmm.deviations.shifted_columns import Beside, columns_of, shifts_of
 from jaxmm.deviations.tolerances import DeviationSettings
 from jaxmm.verdicts.behind_removed import filling
@@ -123,6 +123,8 @@ def trust_in(one: Placed, refine: bool) -> str:
     """How far the pose of a scan is believed, one of pose_errors.TRUSTS."""
     if not refine:
         return EXACT
+    if one.held:
+        return HELD
     return KEPT if one.shift <= KEPT_SHIFT and one.turn <= KEPT_TURN else REGISTERED
 
 

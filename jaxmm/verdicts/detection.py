@@ -11,6 +11,7 @@ from jaxmm.classes.telling_rays import Telling
 from jaxmm.deviations.deviation import Faces
 from jaxmm.learning.element_boxes import boxes_of
 from jaxmm.learning.prediction import Judges
+from jaxmm.rays.joint_poses import REACHES, held_together
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.verdicts.as_built import AsBuilt, as_built, knows_deviations, with_displaced
 from jaxmm.verdicts.behind_removed import filling, gone_of, holders, look_past_what_is_gone, remains_of
@@ -85,11 +86,13 @@ def detect_stations(prior: Prior, stations: Stations, settings: DetectSettings) 
         prior = prior._replace(notes=(*prior.notes, *unasked(prior.building, asked)))
     if settings.settle and beyond_thesis:
         prior = without_stray(prior)
-    stations.each(lay_station, prior, may_leave_out=True)
+    together = prior.has_elements and beyond_thesis and settings.refine and len(stations.kept(len)) > 1
+    laid = stations.each(lay_station, prior, together, may_leave_out=True)
+    held = held_together(laid, lambda points: _distance(prior, points)) if together else [None] * len(laid)
     watch.lap("registration")
     if beyond_thesis:
         prior = without_hanging(prior, asked)
-    shown = stations.each(face_station, prior, may_leave_out=True)
+    shown = stations.each(face_station, prior, own=held, may_leave_out=True)
     stood = [one.stood for one in shown]
     drawn_prior, stands = prior, _as_built(prior, stations, [one.faces for one in shown], settings)
     prior = stands.prior
@@ -140,6 +143,11 @@ def detect_stations(prior: Prior, stations: Stations, settings: DetectSettings) 
         mismatches, elements, records, registration, settings.as_json(), watch.laps(), notes, drawing,
         unexplained=unknown,
     )  # fmt: skip
+
+
+def _distance(prior: Prior, points: np.ndarray) -> np.ndarray:
+    """(n,) [m] from points (n, 3) [m] to the surface of a building, as far as scans are matched."""
+    return clearance(prior.scene, points.astype(np.float32), 2.0 * REACHES[0]).astype(np.float64)
 
 
 class _Watch:

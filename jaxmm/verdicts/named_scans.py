@@ -3,16 +3,18 @@
 Positions are offsets from the prior's origin, world axes: metres, z up.
 """
 
+import dataclasses
 from typing import NamedTuple
 
 from jaxmm.formats.dates import Taken
 from jaxmm.inputs import InputError, Misfit
+from jaxmm.rays.joint_poses import Held
 from jaxmm.rays.range_noise import settled
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.verdicts.building_evidence import passed_by, surfaces_along
 from jaxmm.verdicts.cloud_comparison import visible
 from jaxmm.verdicts.contradictions import doubts_by_rays
-from jaxmm.verdicts.placement import Placed, place
+from jaxmm.verdicts.placement import Placed, hold, place
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import Pose
 from jaxmm.verdicts.settings import DetectSettings
@@ -76,3 +78,34 @@ def placed_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> Place
         where = f"; it would be {away:.3g} m outside the building" if away > 0.0 else ""
         kind = Misfit if isinstance(error, Misfit) else InputError
         raise kind(f"{one.file}: {error}{where}") from error
+
+
+def laid_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> tuple[Placed, str]:
+    """The same of one scan of several, which others may hold: as it is believed, and why, where it does not fit alone.
+
+    Raises:
+        InputError: nothing can be said of how it lies; the line names its file.
+    """
+    try:
+        return placed_scan(prior, one, settings), ""
+    except Misfit as error:
+        try:
+            return placed_scan(prior, one, dataclasses.replace(settings, refine=False)), str(error)
+        except InputError:
+            raise error from None
+
+
+def held_scan(prior: Prior, one: NamedScan, laid: tuple[Placed, str], held: Held | None) -> Placed:
+    """A scan that was laid by `laid_scan`, where others hold it if they do.
+
+    Raises:
+        Misfit: it fits neither the prior nor the others; the line names its file.
+    """
+    placed, misfit = laid
+    if held is not None:
+        return hold(
+            placed, held, one.scan, lambda there: surfaces_along(prior.scene, rays_of_scan(there)), bool(misfit)
+        )
+    if misfit:
+        raise Misfit(misfit)
+    return placed

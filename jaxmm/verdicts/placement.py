@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxmm.config import bounded
 from jaxmm.inputs import Misfit
+from jaxmm.rays.joint_poses import Held
 from jaxmm.rays.open_directions import in_words
 from jaxmm.rays.registration import MOST_LEFT, Registration, Rival, is_near, register
 from jaxmm.rays.scan_rays import PosedScan
@@ -50,7 +51,8 @@ class Placed(NamedTuple):
     overlap: float  # share of the points that match
     overlap_before: float
     notes: tuple[str, ...] = ()  # what speaks against it
-    open: tuple[str, ...] = ()  # what is to be said of directions along which nothing holds its place
+    open: tuple[str, ...] = ()  # what is to be said of directions along which nothing holds its place, and who does
+    held: bool = False  # by other scans, elsewhere than by the prior alone
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,6 +121,32 @@ def place(
     shift = _step(scan, found.motion)
     doubts = _doubts(found, shift, limits)
     return Placed(moved, shift, _angle(found.motion), found.residual, found.overlap, before, doubts, _open_words(found))
+
+
+def hold(
+    placed: Placed, held: Held, believed: PosedScan, shown: Callable[[PosedScan], np.ndarray], is_misfit: bool
+) -> Placed:
+    """A scan where others hold it, and how well it fits the prior there.
+
+    Args:
+        placed: as it lies on the prior alone.
+        held: where others have it.
+        believed: as it was given; its points are not asked for.
+        shown: what the prior shows (M, 3) [m] from where a scan is.
+        is_misfit: whether it fits the prior alone from nowhere.
+    """
+    there = _moved(placed.scan, held.motion)
+    fit, others = place(there, shown(there), refine=False), f"{held.others} other scan{'s' * (held.others > 1)}"
+    alone = "it fits nothing of the model by itself" if is_misfit else (
+        f"the model alone would have it {np.linalg.norm(there.position - placed.scan.position):.2f} m away"
+    )  # fmt: skip
+    turn = np.eye(4)
+    turn[:3, :3] = there.rotation @ believed.rotation.T
+    return fit._replace(
+        shift=float(np.linalg.norm(there.position - believed.position)), turn=_angle(turn),
+        overlap_before=placed.overlap_before, held=True,
+        open=(f"its place is held by surfaces that it shares with {others}; {alone}",),
+    )  # fmt: skip
 
 
 def _moved(scan: PosedScan, motion: np.ndarray) -> PosedScan:

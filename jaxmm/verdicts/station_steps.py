@@ -18,7 +18,9 @@ from jaxmm.deviations.shifted_columns import beside_columns
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
 from jaxmm.learning.prediction import Judges, Side, judge, unjudged
+from jaxmm.rays.joint_poses import Held, Station
 from jaxmm.rays.own_ranges import own_ranges
+from jaxmm.rays.patches import patches_of
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
 from jaxmm.verdicts.as_built import knows_deviations, trust_in
 from jaxmm.verdicts.behind_removed import Says, ask_again, judged_anew, past_nothing
@@ -27,7 +29,7 @@ from jaxmm.verdicts.cloud_comparison import compare
 from jaxmm.verdicts.far_elements import toward_far_elements
 from jaxmm.verdicts.mirrors import without_mirror_images
 from jaxmm.verdicts.mismatches import Looked, alone_of
-from jaxmm.verdicts.named_scans import NamedScan, placed_scan, settled_scan
+from jaxmm.verdicts.named_scans import NamedScan, held_scan, laid_scan, placed_scan, settled_scan
 from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only
 from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior, known_of
@@ -57,9 +59,17 @@ class Stations(Protocol):
 
     left_out: Sequence[str]  # why some do not count any more, a line each
 
-    def each(self, step: Callable[..., Any], prior: Prior, *arguments: Any, may_leave_out: bool = False) -> list[Any]:
+    def each(
+        self,
+        step: Callable[..., Any],
+        prior: Prior,
+        *arguments: Any,
+        own: Sequence[Any] | None = None,
+        may_leave_out: bool = False,
+    ) -> list[Any]:
         """What step(context, shelf, *arguments) gives of each station, in their order, wherever it is done.
 
+        Where each has an argument of its `own`, that comes last.
         Only where it says so may one that cannot be used be left out: later, what it showed counts already.
         """
 
@@ -76,10 +86,18 @@ class HeldStations:
         self._shelves = shelves
         self._judges, self._settings = judges, settings
 
-    def each(self, step: Callable[..., Any], prior: Prior, *arguments: Any, may_leave_out: bool = False) -> list[Any]:
+    def each(
+        self,
+        step: Callable[..., Any],
+        prior: Prior,
+        *arguments: Any,
+        own: Sequence[Any] | None = None,
+        may_leave_out: bool = False,
+    ) -> list[Any]:
         """One after another; none is left out."""
         context = Context(prior, self._judges, self._settings)
-        return [step(context, shelf, *arguments) for shelf in self._shelves]
+        each = [()] * len(self._shelves) if own is None else [(one,) for one in own]
+        return [step(context, shelf, *arguments, *last) for shelf, last in zip(self._shelves, each, strict=True)]
 
     def kept(self, load: Callable[[Shelf], Any]) -> list[Any]:
         """All at once."""
@@ -108,21 +126,25 @@ class Judged(NamedTuple):
     says: Says | None  # None of a cloud
 
 
-def lay_station(context: Context, shelf: Shelf) -> None:
-    """First step: the ranges of a scan settle, and it is laid upon the prior."""
+def lay_station(context: Context, shelf: Shelf, together: bool) -> Station | None:
+    """First step: the ranges of a scan settle, and it is laid upon the prior; its surfaces, if others may hold it."""
     one, (prior, _, settings) = shelf.pop("scan"), context
     if settings.settle and context.beyond_thesis:
         one = settled_scan(one)
-    placed = placed_scan(prior, one, settings)
+    placed, misfit = laid_scan(prior, one, settings) if together else (placed_scan(prior, one, settings), "")
+    shelf["laid"] = one._replace(scan=_bare(one.scan)), placed, misfit
+    if not together:
+        return None
+    return Station(patches_of(placed.scan.points, placed.scan.position), placed.scan.position, not misfit)
+
+
+def face_station(context: Context, shelf: Shelf, held: Held | None) -> Shown:
+    """Second step: where others hold it, its rays, and what they show of faces."""
+    (one, *laid), (prior, _, settings) = shelf.pop("laid"), context
+    placed = held_scan(prior, one, laid, held)
     is_out = is_outdoors(prior, placed.scan.position)
     if is_out:
         one = one._replace(notes=(*one.notes, OUTDOORS))
-    shelf["laid"] = Stood(one._replace(scan=_bare(one.scan)), placed, is_out)
-
-
-def face_station(context: Context, shelf: Shelf) -> Shown:
-    """Second step: its rays, and what they show of faces."""
-    (one, placed, is_out), (prior, _, settings) = shelf.pop("laid"), context
     if settings.mirrors and context.beyond_thesis:
         (placed,), (one,) = without_mirror_images(prior, [placed], [one])
     try:
