@@ -1,14 +1,17 @@
 """How far off their places elements stand: errors, intervals, and what is called removed or new because of it.
 
-    python -m benchmarks.deviations [--ifc FOLDER] [--rooms 20] [--seed 42] [--json FILE]     half an hour
+    python -m benchmarks.deviations [--ifc FOLDER] [--rooms 20] [--seed 42] [--json FILE] [--figure PNG]     an hour
 
 Generated rooms (`varied`; seed 42 is of validation) and, with --ifc, places in IFC files. One to three walls or columns
 stand 5 to 300 mm off their places, or are turned by 0.2 to 3 degrees about their middle, or lean as much; clean, and
 with boxes as furniture before the walls; the pose exact, and off by up to 5 cm and 1 degree. Sensors err as built. Of
-elements that 500 rays or more end on. *held* is the share of intervals that hold the truth, of what moved and of what
+elements that 500 rays or more end on. With furniture and poses that are off, three scans from different places are told
+together, too. *held* is the share of intervals that hold the truth, of what moved and of what
 did not. The peers, from the true pose, on the same points: the median of signed distances to the nearest surface of the
 model (cloud to mesh), of the points whose nearest surface is the element's, and M3C2 (Lague et al. 2013, by py4dgeo) at
-points of the element's own faces; both are of points within 0.4 m. Prints Markdown.
+points of the element's own faces; both are of points within 0.4 m, and of one scan. Prints Markdown: the views, and
+from which offset on an element is told from one in its place, by sensor and range, and by how much of it was seen;
+--figure draws that.
 """
 
 import argparse
@@ -16,6 +19,7 @@ import logging
 import math
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +30,7 @@ from benchmarks.command_line import CommandLine
 from benchmarks.poses import disturbed
 from benchmarks.timing import write_report
 from benchmarks.views.building_views import building_places, scanned
+from benchmarks.views.told_offsets import draw_told, told_table
 from jaxmm.deviations.meetings import meetings_of
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import Judges, read_judges
@@ -37,7 +42,10 @@ from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, REMOVED, UNSCANNED
 from jaxmm.weights import DEFAULT
+from warp_scanner import draws
 from warp_scanner.buildings.changes import of_element
+from warp_scanner.buildings.positions import draw_positions
+from warp_scanner.rooms.standing import Standing
 from warp_scanner.scenes.building import Triangles
 from warp_scanner.scenes.building_edits import join, move_element
 from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
@@ -54,6 +62,7 @@ SMOKE = {"sensors": ("ouster-64-real",), "rooms": 1}
 LEAST_RAYS = 500  # that end on an element, to be counted
 LEAST_SEEN = 0.002  # share of the rays that would meet an element, for it to be moved
 SHIFT, TURN = (0.005, 0.3), (0.2, 3.0)  # [m], [deg]
+SCANS = 3  # that are told together
 BOXES = 8  # that stand about as furniture
 FAR = 0.4  # [m] up to which peers look
 COLUMNS = (
@@ -67,13 +76,14 @@ class Case(NamedTuple):
     """A view of a model of which something stands off its place."""
 
     prior: Prior
-    scan: PosedScan
+    scans: list[PosedScan]
     moved: dict[int, np.ndarray]  # row -> (3,) [m] by which the middle of the element was moved
     turned: set[int]  # rows that were turned, or lean
 
 
-def case_of(prior: Prior, sensor: str, pose: Pose, furnished: bool, key: tuple[int, int]) -> Case | None:
-    """One view; None where it shows no wall or column."""
+def case_of(prior: Prior, sensor: str, pose: Pose, kind: tuple[bool, int], key: tuple[int, int]) -> Case | None:
+    """One view, furnished or not, by so many scans; None where the first of them shows no wall or column."""
+    furnished, count = kind
     rng = np.random.default_rng(key)
     rays = rays_of(sensor_named(sensor), pose)
     meets = cast_triangles(prior.scene, rays).element[0]
@@ -91,8 +101,18 @@ def case_of(prior: Prior, sensor: str, pose: Pose, furnished: bool, key: tuple[i
         triangles = move_element(triangles, int(row), step, turn)
     if furnished:
         triangles = join(triangles, _furniture(prior, rays, rng))
-    scan, _ = scanned(prepare(triangles), np.ones(len(triangles.semantic), bool), (sensor_named(sensor), pose), key)
-    return Case(prior, scan, steps, turned)
+    scene, stands = prepare(triangles), np.ones(len(triangles.semantic), bool)
+    poses = [pose, *_other_places(prior, key)][:count]
+    scans = [scanned(scene, stands, (sensor_named(sensor), one), (key[0], key[1] + 1000 * number))[0]
+             for number, one in enumerate(poses)]  # fmt: skip
+    return Case(prior, scans, steps, turned)
+
+
+def _other_places(prior: Prior, key: tuple[int, int]) -> list[Pose]:
+    """Poses (R = 1 each) inside of the building."""
+    keys = draws.keys(key[0] + key[1], np.arange(8 * SCANS))
+    pose, found = draw_positions(prior.building, prior.scene, Standing(height=(1.0, 1.8)), keys)
+    return [Pose(*(field[place : place + 1] for field in pose)) for place in np.flatnonzero(found)]
 
 
 def _motion(prior: Prior, row: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -147,29 +167,30 @@ def views_of(asked: argparse.Namespace) -> Iterator[tuple[str, list[Case], tuple
     """Every kind of view by name, with its cases, and how far off their poses are."""
     for sensor in asked.sensors:
         for where, models in models_of(asked, sensor):
-            for furnished in (False, True):
+            for kind in ((False, 1), (True, 1), (True, SCANS)):
                 made = (
-                    case_of(prior, sensor, pose, furnished, (asked.seed, number))
+                    case_of(prior, sensor, pose, kind, (asked.seed, number))
                     for number, (prior, pose) in enumerate(models)
                 )
                 cases = [one for one in made if one is not None]
                 for name, most in POSES.items():
-                    yield f"{where}, {sensor}, {'furniture' if furnished else 'clean'}, pose {name}", cases, most
+                    if kind[1] > 1 and not any(most):
+                        continue
+                    how = ("furniture" if kind[0] else "clean") + (f", {kind[1]} scans" if kind[1] > 1 else "")
+                    yield f"{where}, {sensor}, {how}, pose {name}", cases, most
 
 
 def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: np.random.Generator) -> dict[str, Any]:
     """What detection says of a case, and what the peers do."""
-    believed = disturbed(case.scan, most, rng)
+    scans = [NamedScan(disturbed(one, most, rng), "scan", len(one.points), "given") for one in case.scans]
     try:
-        found = detect_scans(
-            case.prior, [NamedScan(believed, "scan", len(believed.points), "given")], judges,
-            DetectSettings(propose_views=False),
-        )  # fmt: skip
+        found = detect_scans(case.prior, scans, judges, DetectSettings(propose_views=False))
     except InputError:
         return {"refused": 1}
     told: dict[str, Any] = {"doubted": int(bool(found.doubts)), "new": 0, "gone": 0, "elements": []}
     told["new"] = sum(one.mismatch_type == "added" for one in found.mismatches)
-    rivals = {name: rival(case) for name, rival in RIVALS.items() if name != "M3C2" or peers.has("py4dgeo")}
+    known = () if len(case.scans) > 1 else [name for name in RIVALS if name != "M3C2" or peers.has("py4dgeo")]
+    rivals = {name: RIVALS[name](case) for name in known}
     rows = {guid: row for row, guid in enumerate(case.prior.building.elements.guid)}
     for one in found.elements:
         row = rows[one.guid]
@@ -182,15 +203,22 @@ def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: n
             way = np.array(deviation.direction)
             true = float(case.moved.get(row, np.zeros(3)) @ way)
             new |= {"true": true, "off": deviation.distance - true, "half": deviation.half}
+            new |= {"range": _range(case, row), "coverage": deviation.coverage}
             new |= {name: scores[row] - true for name, scores in rivals.items() if row in scores}
         told["elements"].append(new)
     return told
 
 
+def _range(case: Case, row: int) -> float:
+    """[m] from the nearest scanner to the middle of an element."""
+    middle = of_element(case.prior.building, row).center
+    return float(min(np.linalg.norm(middle - one.position) for one in case.scans))
+
+
 def _cloud_to_mesh(case: Case) -> dict[int, float]:
     """Row -> median [m] of the signed distances of the points whose nearest surface is the element's."""
     shown = _surface(case)
-    points = case.scan.points.astype(np.float64)
+    points = case.scans[0].points.astype(np.float64)
     apart, place = cKDTree(shown.end).query(points, distance_upper_bound=FAR)
     near = np.isfinite(apart)
     off = np.einsum("nc,nc->n", points[near] - shown.end[place[near]], shown.normal[place[near]])
@@ -208,7 +236,7 @@ def _m3c2(case: Case) -> dict[int, float]:
     some = np.random.default_rng(0).permutation(len(shown.element))[:20_000]
     core = shown.end[some]
     search = py4dgeo.M3C2(
-        epochs=(py4dgeo.Epoch(shown.end), py4dgeo.Epoch(case.scan.points.astype(np.float64))), corepoints=core,
+        epochs=(py4dgeo.Epoch(shown.end), py4dgeo.Epoch(case.scans[0].points.astype(np.float64))), corepoints=core,
         corepoint_normals=shown.normal[some], cyl_radius=0.1, max_distance=FAR,
     )  # fmt: skip
     distance, _ = search.run()
@@ -219,7 +247,7 @@ def _m3c2(case: Case) -> dict[int, float]:
 
 def _surface(case: Case):
     """The model's faces toward the sensor as points, where the scan's rays should meet them."""
-    rays = rays_of_scan(case.scan)
+    rays = rays_of_scan(case.scans[0])
     met = meetings_of(case.prior.scene, rays)
     return met._replace(end=met.end - met.normal * met.off[:, None])
 
@@ -259,17 +287,24 @@ def row_of(case: str, told: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     parser = CommandLine(__doc__, FULL, SMOKE)
     parser.add_places(SEED)
+    parser.add_argument("--figure", type=Path, metavar="PNG", help="also draw what offsets are told")
     asked = parser.parse_args()
     if why := peers.why_missing("py4dgeo"):
         print(why, file=sys.stderr)
     print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}")
-    judges, rows = read_judges(DEFAULT), []
+    judges, rows, by_sensor = read_judges(DEFAULT), [], {}
     for name, cases, most in views_of(asked):
         rng = np.random.default_rng(asked.seed)
-        row = row_of(name, [told_of(case, judges, most, rng) for case in cases])
+        told = [told_of(case, judges, most, rng) for case in cases]
+        sensor = next(one for one in asked.sensors if f", {one}," in name)
+        by_sensor.setdefault(sensor, []).extend(each for one in told for each in one.get("elements", ()))
+        row = row_of(name, told)
         print(_line(row), flush=True)
         if row["measured"] and math.isfinite(row["C2M"]):
             rows.append(_told_row(row))
+    print("\n".join(["", *told_table(by_sensor)]))
+    if asked.figure:
+        draw_told(by_sensor, asked.figure)
     if asked.json:
         write_report(asked.json, rows)
 

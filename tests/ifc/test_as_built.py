@@ -171,3 +171,40 @@ def test_what_is_no_element_of_the_file_is_named_and_doubts_keep_all_where_it_is
     detection = detection_of(building, told(hosted(room)[0]))
     doubted = detection._replace(scans=(SCANS[0]._replace(doubts=("is it?",)),))
     assert write_as_built(room, doubted, tmp_path / "none") == (NOT_WRITTEN,) and not (tmp_path / "none").exists()
+
+
+def in_feet(path, out):
+    """The same numbers, which then are feet."""
+    model = ifcopenshell.open(str(path))
+    metre = next(one for one in model.by_type("IfcSIUnit") if one.UnitType == "LENGTHUNIT")
+    size = model.create_entity("IfcMeasureWithUnit", model.create_entity("IfcLengthMeasure", 0.3048), metre)
+    exponents = model.create_entity("IfcDimensionalExponents", 1, 0, 0, 0, 0, 0, 0)
+    foot = model.create_entity("IfcConversionBasedUnit", exponents, "LENGTHUNIT", "FOOT", size)
+    for units in model.by_type("IfcUnitAssignment"):
+        units.Units = [foot if one == metre else one for one in units.Units]
+    model.write(str(out))
+    return out
+
+
+@pytest.mark.parametrize("unit", ["metre", "foot"])
+def test_a_displaced_element_placed_relative_to_another_one_moves_by_its_own_offset_alone(room, tmp_path, unit):
+    """And what is in either of them with it; in a file of feet, too."""
+    prior = room if unit == "metre" else in_feet(room, tmp_path / "feet.ifc")
+    building = read_ifc(prior)
+    before, (wall, door) = surfaces(building), hosted(prior)
+    last = ifcopenshell.open(str(prior)).by_type("IfcWall")[-1].GlobalId
+    other = deviation(0.0)._replace(offset=(-0.03, 0.05, 0.0), turned=(0.0, 0.0, -0.02))
+    elements = told(wall), told(last, off=other)
+    now, notes = written(prior, detection_of(building, *elements), tmp_path / "out")
+    assert not notes
+    after = surfaces(now)
+    lows, highs = {}, {}
+    for guid, points in before.items():
+        lows[guid], highs[guid] = points.reshape(-1, 3).min(axis=0), points.reshape(-1, 3).max(axis=0)
+    for guid, (leader, off) in {
+        wall: (wall, elements[0].deviation), door: (wall, elements[0].deviation), last: (last, other),
+    }.items():  # fmt: skip
+        middle = (lows[leader] + highs[leader]) / 2.0
+        assert apart(after[guid], moved(before[guid], middle, off)) < 2e-5
+    for guid in before.keys() - {wall, door, last}:
+        assert apart(after[guid], before[guid]) < 2e-5
