@@ -189,7 +189,9 @@ def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: n
         return {"refused": 1}
     told: dict[str, Any] = {"doubted": int(bool(found.doubts)), "new": 0, "gone": 0, "elements": []}
     told["new"] = sum(one.mismatch_type == "added" for one in found.mismatches)
-    known = () if len(case.scans) > 1 else [name for name in RIVALS if name != "M3C2" or peers.has("py4dgeo")]
+    known = (
+        () if len(case.scans) > 1 else [name for name in RIVALS if name != "M3C2" or not peers.why_missing("py4dgeo")]
+    )
     rivals = {name: RIVALS[name](case) for name in known}
     rows = {guid: row for row, guid in enumerate(case.prior.building.elements.guid)}
     for one in found.elements:
