@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jaxmm.files import write_json
+from jaxmm.versions import processor
 from warp_scanner.cores import core_count
 
 try:
@@ -40,11 +41,8 @@ def _once(function: Callable[[], Any]) -> float:
 
 def machine(*packages: str) -> dict[str, Any]:
     """What the numbers were measured on: processor, cores, Python and the versions of `packages`."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return {
-        "processor": names[0] if names else platform.processor(),
+        "processor": processor(),
         "cores": core_count(),
         "python": platform.python_version(),
         "packages": {name: _version(name) for name in packages},

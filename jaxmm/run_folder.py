@@ -13,7 +13,7 @@ import tomli_w
 from jaxmm.config import Config, PaperConfig, load
 from jaxmm.files import MANIFEST, held, load_json, write_json, write_text
 from jaxmm.inputs import InputError
-from jaxmm.versions import versions
+from jaxmm.versions import TOLD, versions
 
 CONFIG, VERSIONS, METRICS, MODELS = "config.toml", "versions.json", "metrics.jsonl", "models.safetensors"
 
@@ -53,7 +53,7 @@ def open_run(folder: Path, config: Config, *, threads_matter: bool = True, stage
         elif (folder / CONFIG).exists():
             if read_config(folder) != config:
                 raise InputError(f"{folder}: holds a run with other settings; choose another --out or remove it")
-            _check_versions(folder, ("git_commit",) if threads_matter else ("git_commit", "threads"))
+            _check_versions(folder, TOLD if threads_matter else (*TOLD, "threads"))
         else:
             # The settings come last: they make the folder a run folder, with all that one begins with.
             write_json(folder / VERSIONS, versions())

@@ -4,7 +4,10 @@ import hashlib
 import importlib.metadata
 import platform
 import subprocess
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from jaxmm.caches import TREE
 from warp_scanner.cores import core_count
@@ -24,17 +27,35 @@ PACKAGES = (
     "warp-lang",
 )
 
+TOLD = ("git_commit", "processor", "instructions")  # of versions(): for readers, no bits hang on them
+
 
 def versions() -> dict[str, Any]:
     """What the bits of a run depend on."""
     return {
         "python": platform.python_version(),
         "machine": platform.machine(),
+        "processor": processor(),
+        "instructions": instructions(),
         "threads": core_count(),
         "packages": {name: importlib.metadata.version(name) for name in PACKAGES},
         "code": _code_hash(),
         "git_commit": _git_commit(),
     }
+
+
+def processor() -> str:
+    """What this machine's processor calls itself; empty where nothing tells."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()
+
+
+def instructions() -> list[str]:
+    """Sets of vector instructions that NumPy finds here, such as X86_V3 (with AVX2) and X86_V4 (with AVX-512)."""
+    found = np.show_config(mode="dicts")["SIMD Extensions"]
+    return [*found["baseline"], *found.get("found", [])]
 
 
 def _code_hash() -> str:

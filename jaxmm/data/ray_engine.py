@@ -29,7 +29,7 @@ try:
 except Exception as error:
     sys.exit("jaxmm: " + (str(error).strip().splitlines() or [type(error).__name__])[0])
 """
-OWN = ("threads", "git_commit")  # versions that may differ between machines whose bits agree
+OWN = ("threads", *versions.TOLD)  # versions that may differ between machines whose bits agree
 
 
 def connect(workers: int | None = None) -> None:

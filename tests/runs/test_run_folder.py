@@ -282,8 +282,8 @@ def test_a_run_that_other_code_began_is_refused(tmp_path, name):
         pass
     path = tmp_path / "run" / run_folder.VERSIONS
     stored = json.loads(path.read_text())
-    path.write_text(json.dumps(stored | {"git_commit": "another"}))
-    with run_folder.open_run(tmp_path / "run", Config()):  # prose may change between a kill and the next start
+    path.write_text(json.dumps(stored | dict.fromkeys(("git_commit", "processor", "instructions"), "another")))
+    with run_folder.open_run(tmp_path / "run", Config()):  # prose and processor may change
         pass
     path.write_text(json.dumps(stored | {name: "another"}))
     with pytest.raises(InputError, match=rf"other {name} \("), run_folder.open_run(tmp_path / "run", Config()):
