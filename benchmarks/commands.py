@@ -69,7 +69,9 @@ class Build:
         """With all caches in one folder of the work."""
         place = self.work / caches
         own = {"JAXMM_CACHE": place, "WARP_CACHE_PATH": place / "warp", "JAX_COMPILATION_CACHE_DIR": place / "jax"}
-        return os.environ | {"PYTHONPATH": str(self.tree)} | {name: str(path) for name, path in own.items()}
+        # Users' Python keeps what it compiled: without, half a second of every command would be that.
+        kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+        return kept | {"PYTHONPATH": str(self.tree)} | {name: str(path) for name, path in own.items()}
 
     def run(self, words: list[str], caches: str = "caches", **more: str) -> Usage:
         """Run Python with some words; a run that fails ends this benchmark."""
