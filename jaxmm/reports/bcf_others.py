@@ -23,7 +23,7 @@ from jaxmm.reports.bcf_topics import (
     priority_of,
     project_guid,
 )
-from jaxmm.reports.markdown import chance, number, sizes
+from jaxmm.reports.markdown import chance, number
 from jaxmm.reports.snapshots import COLORS, best_scan, camera_at, corners_of, snapshot
 from jaxmm.reports.verdict_words import UNEXPLAINED_WORDS
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, once
@@ -87,7 +87,8 @@ def thing_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
         box = thing_box(thing)
         scan = best_scan(detection, box)
         x, y = (number(value) for value in box.center[:2])
-        words = f"Not in the model: something of {sizes(box)} m at x {x}, y {y} m"
+        size = " x ".join(map(number, box.dimensions))
+        words = f"Not in the model: something of {size} m at x {x}, y {y} m"
         seen[words] = seen.get(words, 0) + 1
         lines = [
             UNEXPLAINED_WORDS,
