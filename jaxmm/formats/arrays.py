@@ -9,6 +9,8 @@ import numpy as np
 from jaxmm.formats.raw_scans import BLOCK, RawScan, axes_of, check_swelling, filled
 from jaxmm.inputs import InputError
 
+LEAST_ACROSS = 20  # columns of three rows, from which on these are no three points
+POINTS = ("points", "xyz", "arr_0")  # what arrays of points are called; the last by NumPy, where nobody names them
 RAYS = {"distance", "direction", "origin", "rotation"}
 
 
@@ -35,7 +37,7 @@ def read_npy(path: Path) -> list[RawScan]:
 
 
 def read_npz(path: Path) -> list[RawScan]:
-    """The points under `points`, or the returns of rays as `jaxmm scan` writes them, with their sensor's pose.
+    """The points under one of POINTS, or the returns of rays as `jaxmm scan` writes them, with their sensor's pose.
 
     Raises:
         InputError: neither is there; an archive that swells, or promises more than it holds.
@@ -43,15 +45,16 @@ def read_npz(path: Path) -> list[RawScan]:
     with zipfile.ZipFile(path) as archive:
         check_swelling(path, sum(entry.file_size for entry in archive.infolist()))
         held = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
-        for name in (RAYS | {"points"}) & held.keys():
+        for name in (RAYS | {*POINTS}) & held.keys():
             _check_array(path, archive, name, held[name])
     with np.load(path, allow_pickle=False) as arrays:
         if held.keys() >= RAYS:
             return [_returns(path, arrays)]
-        if "points" not in held:
+        name = next((name for name in POINTS if name in held), None)
+        if name is None:
             wanted = "an array points, or rays as `jaxmm scan` writes them"
             raise InputError(f"{path}: expected {wanted}, got {', '.join(sorted(held))[:200] or 'nothing'}")
-        return [RawScan(_columns(path, arrays["points"]))]
+        return [RawScan(_columns(path, arrays[name]))]
 
 
 def _columns(path: Path, array: np.ndarray) -> np.ndarray:
@@ -64,7 +67,8 @@ def _columns(path: Path, array: np.ndarray) -> np.ndarray:
         return np.column_stack([array[names[axis]].ravel().astype(np.float64) for axis in axes])
     if array.ndim == 3 and array.shape[2] >= 3:  # as an image has them, rows and columns
         array = array.reshape(-1, array.shape[2])
-    if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] < 3:
+    across = array.ndim == 2 and array.shape[0] == 3 < LEAST_ACROSS <= array.shape[1]  # a row for each axis
+    if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] < 3 or across:
         raise InputError(f"{path}: expected points (N, 3) of numbers, got {str(array.dtype)[:80]} {array.shape}")
     return array[:, :3]
 

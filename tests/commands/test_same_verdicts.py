@@ -1,6 +1,7 @@
 """One scan in every file that can hold all of it: the same verdicts, whatever wrote it."""
 
 import json
+import struct
 
 import numpy as np
 import pytest
@@ -105,7 +106,63 @@ def bag_of(kind):
     return bag
 
 
-WRITERS = [ptx, pts, organised_pcd, depth_folder, bag_of("ros1"), bag_of("mcap")]
+def ours(ending):
+    """As `jaxmm scan` writes it; the pose is given where the format holds none."""
+
+    def write(folder, view):
+        pytest.importorskip({".e57": "pye57", ".las": "laspy", ".laz": "lazrs"}.get(ending, "numpy"))
+        write_scan(folder / f"scan{ending}", view)
+        return folder / f"scan{ending}", None if ending in (".e57", ".pcd", ".npz") else POSE
+
+    write.__name__ = ending[1:]
+    return write
+
+
+def by_hand(name, ending, head, body):
+    """World points (N, 3) float64 as another program lays them out."""
+
+    def write(folder, view):
+        points = returns(view)[np.isfinite(view.distance)] @ view.rotation.T + view.position
+        (folder / f"scan{ending}").write_bytes(head.format(len(points)).encode() + body(points))
+        return folder / f"scan{ending}", POSE
+
+    write.__name__ = name
+    return write
+
+
+def as_text(points):
+    return "".join(f"{x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in points).encode()
+
+
+def as_german_csv(points):
+    return as_text(points).replace(b" ", b";").replace(b".", b",")
+
+
+def as_lump(points):
+    """All x, then all y, then all z, packed, as PCD has them."""
+    plain = points.T.astype("<f8").tobytes()
+    lump = pytest.importorskip("lzf").compress(plain, 2 * len(plain))
+    return struct.pack("<II", len(lump), len(plain)) + lump
+
+
+def npy(folder, view):
+    points = returns(view)[np.isfinite(view.distance)] @ view.rotation.T + view.position
+    np.save(folder / "scan.npy", points)
+    return folder / "scan.npy", POSE
+
+
+PLY = "ply\nformat {} 1.0\nelement vertex {{}}\nproperty double x\nproperty double y\nproperty double z\nend_header\n"
+PCD = "VERSION .7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nWIDTH {{}}\nHEIGHT 1\nDATA {}\n"
+WRITERS = [
+    ptx, pts, organised_pcd, depth_folder, npy, *map(ours, (".ply", ".pcd", ".e57", ".las", ".laz", ".csv", ".npz")),
+    by_hand("ply_text", ".ply", PLY.format("ascii"), as_text),
+    by_hand("ply_big", ".ply", PLY.format("binary_big_endian"), lambda points: points.astype(">f8").tobytes()),
+    by_hand("pcd_text", ".pcd", PCD.format("ascii"), as_text),
+    by_hand("pcd_packed", ".pcd", PCD.format("binary_compressed"), as_lump),
+    by_hand("xyz", ".xyz", "", as_text),
+    by_hand("csv_german", ".csv", "Rechtswert;Hochwert;Höhe\n", as_german_csv),
+    bag_of("ros1"), bag_of("sqlite3"), bag_of("mcap"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)

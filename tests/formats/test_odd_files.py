@@ -295,3 +295,12 @@ def test_files_of_others(data_root):
         assert len(read_scans(folder / name)[0].points) == count
     for name in ("ouster_count0.pcd", "nocount_noview.pcd"):
         assert len(read_scans(data_root / "faults" / "pcd_count" / name)[0].points) == 8192
+
+
+def test_arrays_by_other_names_and_lying_across(tmp_path):
+    for name, arrays in (("a.npz", {"xyz": POINTS}), ("b.npz", {"arr_0": POINTS})):
+        np.savez(tmp_path / name, **arrays)
+        np.testing.assert_array_equal(read_scans(tmp_path / name)[0].points, POINTS)
+    np.save(tmp_path / "a.npy", POINTS.T)
+    with pytest.raises(InputError, match=r"expected points \(N, 3\) of numbers, got float64 \(3, 50\)"):
+        read_scans(tmp_path / "a.npy")

@@ -1,10 +1,14 @@
 // Everything that is on the graphics card, and how one picture is drawn from it.
 
 const POINT_WIDTH = 0.04; // [m]
-/** How much is drawn, from all to least: of each CSS pixel's side the share, and every how many-th point. */
+/**
+ * How much is drawn, from all to least: of each CSS pixel's side the share, every how many-th point, and whether the
+ * edges of elements, which are most of what thousands of them take.
+ */
 const DETAILS = [
-  { share: 1, step: 1 }, { share: 0.7, step: 2 }, { share: 0.5, step: 4 }, { share: 0.35, step: 8 },
-  { share: 0.25, step: 16 },
+  { share: 1, step: 1, edges: true }, { share: 0.7, step: 2, edges: true }, { share: 0.5, step: 4, edges: true },
+  { share: 0.5, step: 8, edges: false }, { share: 0.35, step: 16, edges: false },
+  { share: 0.25, step: 32, edges: false },
 ];
 
 /**
@@ -140,7 +144,7 @@ function draw(painter, state, view) {
   drawLines(painter, painter.grid_, view, 1);
   if (state.layers.surface) {
     drawTriangles(painter, painter.surface, view);
-    drawLines(painter, painter.edges, view, 1.1);
+    if (DETAILS[view.detail].edges) drawLines(painter, painter.edges, view, 1.1);
     drawLines(painter, painter.plan, { ...view, between: EVERYWHERE }, 1.8);
   }
   const element = indexOfKey.get(state.key);
