@@ -34,6 +34,7 @@ class NamedScan(NamedTuple):
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()  # those of its notes that say that its points contradict its pose
     whole: PosedScan | None = None  # with all its points as they were measured, where some were drawn from it to settle
+    is_settled: bool = False  # whether ranges are others than those of `whole`
     taken: Taken | None = None  # when; None where nobody knows
 
 
@@ -50,7 +51,7 @@ def settled_scan(one: NamedScan) -> NamedScan:
         note += ": settled on the planes around them"
     if found.stray >= LEAST_TOLD:
         note += f"; {found.stray:.1%} of the points, between surfaces or behind edges, were left out"
-    return one._replace(scan=found.scan, notes=(*one.notes, note), whole=one.scan)
+    return one._replace(scan=found.scan, notes=(*one.notes, note), whole=one.scan, is_settled=found.moved)
 
 
 def placed_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> Placed:

@@ -155,7 +155,7 @@ def face_station(context: Context, shelf: Shelf, held: Held | None) -> Shown:
     shelf["rays"], shelf["stood"] = rays, stood
     if not knows_deviations(prior, settings):
         return Shown(stood, None)
-    shelf["own"] = own_ranges(rays, placed.scan.rotation, one.whole)
+    shelf["own"] = own_ranges(rays, placed.scan.rotation, one.whole if one.is_settled else None)
     shelf["beside"] = beside_columns(prior.scene, rays, settings.deviations.most)
     return Shown(stood, faces_of(prior.scene, rays, trust_in(placed, settings.refine), shelf["own"]))
 

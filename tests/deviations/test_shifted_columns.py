@@ -1,25 +1,28 @@
-"""What is found about columns by rough cells is what comparing every number finds."""
+"""Points about columns, found by squares."""
 
 import numpy as np
 import pytest
 
-from jaxmm.deviations.shifted_columns import _Cells
+from jaxmm.deviations.shifted_columns import _Squares
 
 
-@pytest.mark.parametrize("spread", [1e-9, 0.3, 20.0, 1e6])
-def test_between_leaves_none_out(spread):
-    rng = np.random.default_rng(0)
-    for count in (0, 1, 5, 3000):
-        values = (spread * rng.normal(size=count)).astype(np.float32)
-        cells = _Cells(values)
-        for first, last in np.sort(1.5 * spread * rng.normal(size=(200, 2)), axis=1):
-            found = np.sort(cells.between(first, last))
-            inside = (values[found] > first) & (values[found] < last)
-            assert np.array_equal(found[inside], np.flatnonzero((values > first) & (values < last)))
-            if spread == 20.0 and count == 3000:  # and few that are not
-                assert np.sum(~inside) <= 10
+@pytest.mark.parametrize("seed", range(3))
+def test_all_places_within_corners_are_found_and_none_twice(seed):
+    rng = np.random.default_rng(seed)
+    places = (rng.uniform(-7.0, 9.0, (4000, 2)) + rng.choice((0.0, 5000.0))).astype(np.float32)
+    squares = _Squares(places)
+    for _ in range(100):
+        first = places[rng.integers(len(places))] - rng.uniform(0.0, 3.0, 2)
+        last = first + rng.uniform(0.2, 6.0, 2)
+        found = squares.between(first, last)
+        inside = np.flatnonzero(np.all((places > first) & (places < last), axis=1))
+        assert np.isin(inside, found).all() and len(np.unique(found)) == len(found)
+        first, last = np.maximum([first, last], places.min(axis=0))  # beyond all places the outermost squares are taken
+        away = np.maximum(first - places[found], places[found] - last)
+        assert not len(found) or away.max() < 0.51
 
 
-def test_ends_of_intervals_that_are_values():
-    values = np.array([1.0, 2.0, 3.0], np.float32)
-    assert {0, 1, 2} >= set(_Cells(values).between(1.0, 3.0)) >= {1}
+def test_without_a_place_none_is_found():
+    assert not len(_Squares(np.zeros((0, 2), np.float32)).between(np.zeros(2), np.ones(2)))
+    beside = _Squares(np.ones((5, 2), np.float32)).between(np.full(2, -9.0), np.full(2, -8.0))
+    assert len(beside) in (0, 5)
