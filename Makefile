@@ -80,6 +80,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.rows --out runs/rows
 	$(BIN)/python -m benchmarks.large_scans
 	$(BIN)/python -m benchmarks.clients --out runs/clients.json
+	$(BIN)/python -m benchmarks.clients.page_frames --json runs/page_frames.json || [ $$? -eq 2 ]
 ifneq ($(wildcard $(JAXMM_DATA)/ifc),)
 	$(BIN)/python -m benchmarks.buildings $(JAXMM_DATA)/ifc --out runs/buildings
 	$(BIN)/python -m benchmarks.stations $(JAXMM_DATA)/ifc/Schependomlaan_V_L_Constructief.ifc
