@@ -66,7 +66,9 @@ def as_built(
     tolerance = tolerances(prior, limits)
     found = deviations_by(prior.scene, shown, tolerance)
     # Farther than that it is another thing, or the same one that was moved.
-    found = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= limits.most + MOST_HALF}
+    near = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= limits.most + MOST_HALF}
+    glazed = _glazed(prior)
+    found = {row: one for row, one in near.items() if not glazed[row]}
     moved = {row: _step(one) for row, one in found.items() if _is_off(one)}
     # What stands beside its place is where its rays pass.
     lost = [row for row in columns_of(prior.scene) if row not in found or found[row].stands < WHOLLY]
@@ -80,6 +82,15 @@ def as_built(
                 found[row], moved[row] = one, _step(one)
     now = _with_moved(prior, moved, found) if moved else prior
     return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)}, tolerance)
+
+
+def _glazed(prior: Prior) -> np.ndarray:
+    """(E,) bool: what is partly of glass, but for doors and windows: rays end on what is behind that, as its shelf."""
+    triangles, clear = prior.building.triangles, prior.building.clear
+    found = np.zeros(len(triangles.semantic), bool)
+    if clear is not None:
+        found[triangles.element[clear]] = True
+    return found & ~np.isin(triangles.semantic, (DOOR, WINDOW))
 
 
 def knows_deviations(prior: Prior, settings: DetectSettings) -> bool:
