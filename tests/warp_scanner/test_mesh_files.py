@@ -291,3 +291,11 @@ def test_files_of_others(data_root):
     assert len(read_building(faults / "glb_extensions" / "instance.glb").elements.guid) == 9
     with pytest.raises(ValueError, match="it requires KHR_draco_mesh_compression"):
         read_building(faults / "glb_extensions" / "draco.glb")
+
+
+@pytest.mark.parametrize("odd", [{"scale": [1, 1, 1, 1]}, {"rotation": [0, 0, 1]}, {"matrix": [1, 2]}])
+def test_nodes_that_are_placed_by_other_numbers_are_refused_by_name(tmp_path, odd):
+    tree, blob = gltf([{"mesh": 0, **odd}], [(CORNERS, {}), (FACES, {})])
+    write_glb(tmp_path / "a.glb", tree, blob)
+    with pytest.raises(ValueError, match=r"a\.glb: not a readable mesh file: a node is placed by no matrix"):
+        read_gltf(tmp_path / "a.glb")

@@ -34,7 +34,8 @@ def read_gltf(path: Path) -> list[MeshNode]:
         ValueError: an extension that is required and not known, by name; what is not whole, or contradicts itself.
     """
     try:
-        return _File(path).nodes()
+        with np.errstate(all="ignore"):  # corners that are not finite are refused by who reads all meshes
+            return _File(path).nodes()
     except (LookupError, TypeError, AttributeError, OverflowError, RecursionError, struct.error) as error:
         raise _wrong(path, f"its parts do not fit together ({type(error).__name__})") from error
 
@@ -107,7 +108,7 @@ class _File:
                 raise _wrong(self.path, f"expected each node once in the tree, got {number} again or beyond the last")
             seen.add(number)
             node = nodes[number]
-            place = above @ _matrix(node)
+            place = above @ self._placed(node)
             waiting += [(child, place) for child in reversed(node.get("children", []))]
             if "mesh" in node:
                 mesh = self.tree["meshes"][node["mesh"]]
@@ -131,7 +132,7 @@ class _File:
             raise _wrong(self.path, f"expected at most {MOST_COPIES} instances, got {count}")
         for number in range(count):
             one = {key.lower(): values[number].tolist() for key, values in parts.items()}
-            matrix = place @ _matrix(one)
+            matrix = place @ self._placed(one)
             turned = faces if np.linalg.det(matrix[:3, :3]) >= 0.0 else faces[:, ::-1]  # a mirror turns them about
             yield MeshNode(name, vertices @ matrix[:3, :3].T + matrix[:3, 3], turned)
 
@@ -153,6 +154,13 @@ class _File:
             faces.append(corners + count)
             count += len(places)
         return np.concatenate(vertices), np.concatenate(faces)
+
+    def _placed(self, node: dict[str, Any]) -> np.ndarray:
+        """(4, 4) of a node, or an instance, to its parent."""
+        try:
+            return _matrix(node)
+        except ValueError as error:  # other numbers of values than a matrix, a rotation or a scale has
+            raise _wrong(self.path, f"a node is placed by no matrix, rotation, scale and shift: {error}") from error
 
     def _accessor(self, number: int) -> np.ndarray:
         """(n, width) float64."""
