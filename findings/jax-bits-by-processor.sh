@@ -4,8 +4,8 @@
 # Library: jax 0.10.2 on the CPU (PyPI); the other processor is emulated by qemu-user 7.2 (Debian 12).
 # A good guess: what a CPU program of one version of XLA computes hangs on the program, at most on the number of
 #   threads; and --xla_cpu_max_isa=AVX2 shows what an older processor would give.
-# What happens: products run in YNNPACK, which picks its kernels at run time by what the processor says of itself, not by
-#   that flag. Sums of up to 512 products are equal, longer ones are not. rsqrt starts from the processor's estimate.
+# What happens: products run in YNNPACK, which picks its kernels at run time by what the processor says of itself, not
+#   by that flag. Sums of up to 512 products are equal, longer ones are not. rsqrt starts from the processor's estimate.
 #   The flag limits only what XLA itself compiles, so a test under it passes while another machine differs.
 #   With xla_cpu_enable_platform_dependent_math off all of them are equal, at a price of speed.
 # Seen:
@@ -14,8 +14,8 @@
 #   seen:      as it comes: product of 512: same; product of 1024: other bits; rsqrt: other bits
 #              here, --xla_cpu_max_isa=AVX2: product of 512: same; product of 1024: same; rsqrt: same
 #              platform_dependent_math off: product of 512: same; product of 1024: same; rsqrt: same
-# In jaxmm: rooms, scans and shards are not computed by XLA, and are equal; trained weights are not, and a run folder names
-#   the processor that they came from.
+# In jaxmm: rooms, scans and shards are not computed by XLA, and are equal; trained weights are not, and a run folder
+#   names the processor that they came from.
 set -euo pipefail
 VERSION=${VERSION:-0.10.2}
 work=$(mktemp -d)
