@@ -17,7 +17,6 @@ BOX = np.array([0.4, 0.4, 2.7])  # [m] of an element
 
 def written(page: str, points: int, elements: int) -> None:
     """Write the page of a detection in which every tenth element is gone; by whatever build is imported."""
-
     rng = np.random.default_rng(5)
     low = np.column_stack([
         rng.uniform(0.0, PLAN, (elements, 2)), HEIGHT * (np.arange(elements) * STOREYS // elements),

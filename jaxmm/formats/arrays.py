@@ -28,8 +28,7 @@ def read_npy(path: Path) -> list[RawScan]:
         if array.dtype.names is not None or not array.flags.c_contiguous:
             return [RawScan(np.array(columns, np.float64))]
         width = array.shape[-1]
-        del array  # pages of a file that are looked at count as memory
-        rows = (
+        rows = (  # read, not mapped: pages of a file that are looked at count as memory
             np.fromfile(file, columns.dtype, width * BLOCK).reshape(-1, width)[:, :3]
             for _ in range(0, len(columns), BLOCK)
         )

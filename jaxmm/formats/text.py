@@ -7,6 +7,7 @@ NumPy parses about a million lines in one to two seconds, the fastest of all way
 float and split take longer); in blocks, as the lines of 50 million points take more memory than the points.
 """
 
+import contextlib
 import itertools
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -17,6 +18,7 @@ from jaxmm.formats.raw_scans import BLOCK, GrowingPoints, RawScan
 from jaxmm.formats.text_header import (
     DECIMAL_COMMA,
     MOST_DIGITS,
+    UNKNOWN,
     UTF_8,
     WINDOWS,
     encoding_of,
@@ -63,16 +65,11 @@ def read_text(path: Path) -> list[RawScan]:
         InputError: other columns, or X, Y or Z twice; decimal commas where commas split the columns; a row that does
             not hold them; fewer rows than it says; no text.
     """
-    encoding = encoding_of(path)
-    try:
-        return _read(path, encoding)
-    except UnicodeDecodeError as error:
-        if encoding != UTF_8:
-            raise InputError(f"{path}: expected UTF-8 text, got bytes that are none") from error
-    try:
-        return _read(path, WINDOWS)
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: expected UTF-8 text, got bytes that are none") from error
+    told = encoding_of(path)
+    for encoding in (told, WINDOWS) if told == UTF_8 else (told,):
+        with contextlib.suppress(UnicodeDecodeError):
+            return _read(path, encoding)
+    raise InputError(f"{path}: {UNKNOWN}")
 
 
 def _read(path: Path, encoding: str) -> list[RawScan]:

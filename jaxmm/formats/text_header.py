@@ -16,6 +16,7 @@ LONGEST_LINE = 1 << 16  # [characters] of a line before the points
 MOST_DIGITS = 18  # of a number of points
 COMMENTS = ("#", "//")
 UTF_8, WINDOWS = "utf-8-sig", "cp1252"
+UNKNOWN = "expected UTF-8, UTF-16 or Windows-1252 text, got bytes that are none"
 HEAD = 4096  # [bytes] that tell the encoding
 MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 NO_TEXT = set(range(9)) | {11, *range(14, 27)}  # bytes that no text holds
@@ -71,7 +72,7 @@ def encoding_of(path: Path) -> str:
             if error.start < len(head) - 4 or len(head) < HEAD:  # no character that is cut off
                 if NO_TEXT.isdisjoint(head) and b"\n" in head:
                     return WINDOWS
-                raise InputError(f"{path}: expected UTF-8 text, got bytes that are none") from error
+                raise InputError(f"{path}: {UNKNOWN}") from error
     return UTF_8
 
 

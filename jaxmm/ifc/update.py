@@ -112,18 +112,19 @@ class _Update:
         for number, one in enumerate(self.detection.mismatches, 1):
             if one.mismatch_type != "removed":
                 continue
-            element = self._find(one.element, f"mismatch {number}, a removed {one.object_type},")
-            if element is None or one.element in self.removed:
-                continue
-            self.removed[one.element] = element
-            if apply and one.standing >= STANDS:
-                self.kept.add(one.element)
-                what = f"{_named(element)} was marked, not deleted"
-                self.notes.append(f"{what}: {one.standing:.0%} of its rays end on it, a part may stand")
-            if one.element in self.kept or not apply:
-                self._mark(element, REMOVED, one.probability, ObservableFraction=_known(one.observable_fraction))
-                set_status(self.draft, element, DEMOLISH)
-                self._paint(element, PAINT_REMOVED)
+            for guid in self._pieces(one):
+                element = self._find(guid, f"mismatch {number}, a removed {one.object_type},")
+                if element is None or guid in self.removed:
+                    continue
+                self.removed[guid] = element
+                if apply and one.standing >= STANDS:
+                    self.kept.add(guid)
+                    what = f"{_named(element)} was marked, not deleted"
+                    self.notes.append(f"{what}: {one.standing:.0%} of its rays end on it, a part may stand")
+                if guid in self.kept or not apply:
+                    self._mark(element, REMOVED, one.probability, ObservableFraction=_known(one.observable_fraction))
+                    set_status(self.draft, element, DEMOLISH)
+                    self._paint(element, PAINT_REMOVED)
         for one in self.detection.elements:
             if one.verdict == REMOVED and one.guid not in self.removed:
                 self._mark_verdict(one)
@@ -229,6 +230,11 @@ class _Update:
         else:
             return found[0]
         return None
+
+    def _pieces(self, one: Mismatch) -> list[str | None]:
+        """GlobalIds of all that the file has of an element: of what another file has whole, its pieces."""
+        told = self._verdicts.get(one.element)
+        return [one.element, *(guid for file, guid in (told.same_as if told else ()) if file == told.file)]
 
     def _origin(self, one: Mismatch) -> str | None:
         """GlobalId of the element that an added one seems to have been."""

@@ -10,7 +10,16 @@ from functools import partial
 
 import numpy as np
 
-from jaxmm.reports.bcf_topics import DEVIATION, Topic, element_words, global_id, one_line, project_guid
+from jaxmm.reports.bcf_topics import (
+    DEVIATION,
+    Topic,
+    doubt_lines,
+    element_words,
+    files_about,
+    global_id,
+    one_line,
+    project_guid,
+)
 from jaxmm.reports.deviation_words import (
     INTERVAL_WORDS,
     NORTH_WORDS,
@@ -33,7 +42,6 @@ LEAST_ANGLE = 0.05  # [deg] that is worth a word
 def displaced_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
     """The topics of all displaced elements, the worst first; of such as are drawn, which elements of a model are."""
     family, topics = project_guid(project), []
-    doubts = [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
     seen: dict[str, int] = {}
     for one in displaced(detection.elements):
         box = element_box(detection.drawing, one)
@@ -42,7 +50,8 @@ def displaced_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
         seen[one.guid] = seen.get(one.guid, 0) + 1
         scan = best_scan(detection, box)
         words = place_in_words(one._replace(name=one_line(one.name), guid=one_line(one.guid)))
-        lines = [words, *doubts, *_facts(one), f"Seen best by the scan {one_line(detection.scans[scan].file)}."]
+        seen_best = f"Seen best by the scan {one_line(detection.scans[scan].file)}."
+        lines = [words, *doubt_lines(detection), *_facts(one), seen_best]
         sure = one.deviation.surely
         off = millimetres(one.deviation.most, one.deviation.half)
         caption = f"{kind_of_class(one.ifc_class)} displaced by {off} mm"
@@ -54,6 +63,7 @@ def displaced_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
             selected=element, painted=tuple((COLORS[DISPLACED], one) for one in element),
             # Where it stands, as the selected element is where the model has it.
             corners=(corners_of(box) + np.asarray(one.deviation.offset, np.float64),),
+            files=files_about(box, detection),
         ))  # fmt: skip
     return tuple(topics)
 

@@ -15,6 +15,7 @@ from jaxmm.reports.bcf_topics import (
     PRIORITIES,
     UNEXPLAINED,
     Topic,
+    doubt_lines,
     element_words,
     evidence_words,
     files_about,
@@ -55,7 +56,7 @@ def removed_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
         kind = one_line(box.object_type)
         lines = [
             f"The {kind}{name} of the model is not there.",
-            *_doubts(detection),
+            *doubt_lines(detection),
             f"The probability that it was removed is {chance(one.probability)}.",
             element_words(one),
             evidence_words(one),
@@ -69,7 +70,7 @@ def removed_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
             priority_of(one.probability), (), camera, partial(snapshot, mismatch=box, camera=camera, caption=caption),
             selected=(element,) if element else (), painted=((COLORS[REMOVED], element),) if element else (),
             corners=() if element else (corners_of(box),),
-            files=tuple((file.file, file.project) for file in files_about(box, detection)),
+            files=files_about(box, detection),
         ))  # fmt: skip
     return tuple(topics)
 
@@ -92,7 +93,7 @@ def thing_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
         seen[words] = seen.get(words, 0) + 1
         lines = [
             UNEXPLAINED_WORDS,
-            *_doubts(detection),
+            *doubt_lines(detection),
             f"Points on it, one for each 0.1 m: {thing.points}.",
             f"Seen best by the scan {one_line(detection.scans[scan].file)}.",
         ]
@@ -102,10 +103,6 @@ def thing_topics(detection: Detection, project: str) -> tuple[Topic, ...]:
             PRIORITIES[-1][0], (), camera,
             partial(snapshot, mismatch=box, camera=camera, caption=f"not in the model, {thing.points} points"),
             UNEXPLAINED.capitalize(), corners=(corners_of(box),),
-            files=tuple((file.file, file.project) for file in files_about(box, detection)),
+            files=files_about(box, detection),
         ))  # fmt: skip
     return tuple(topics)
-
-
-def _doubts(detection: Detection) -> list[str]:
-    return [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxmm.reports.bcf_displaced import element_box
 from jaxmm.reports.bcf_others import MOST_THINGS, removed_boxes, thing_box
-from jaxmm.reports.bcf_topics import OVERVIEW, PRIORITIES, UNEXPLAINED, Topic, one_line, project_guid
+from jaxmm.reports.bcf_topics import OVERVIEW, PRIORITIES, UNEXPLAINED, Topic, doubt_lines, project_guid
 from jaxmm.reports.deviation_words import displaced
 from jaxmm.reports.snapshots import Camera, corners_of, picture_of_all, stepped_back
 from jaxmm.verdicts.results import Detection, Mismatch
@@ -39,8 +39,7 @@ def overview_topic(detection: Detection, project: str, topics: tuple[Topic, ...]
     count = Counter(one.mismatch_type for one in boxes)
     count[UNEXPLAINED] = len(things)
     words = ", ".join(f"{count[change]} {word}" for change, word in WORDS.items() if count[change])
-    doubts = [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
-    lines = [*doubts, *(f"- {topic.title}" for topic in topics[:MOST_LISTED])]
+    lines = [*doubt_lines(detection), *(f"- {topic.title}" for topic in topics[:MOST_LISTED])]
     if len(topics) > MOST_LISTED:
         lines.append(f"And {len(topics) - MOST_LISTED} more.")
     return (Topic(

@@ -18,7 +18,7 @@ from jaxmm.reports.deviation_words import turned_by
 from jaxmm.reports.markdown import chance, number, other_type, sizes
 from jaxmm.reports.snapshots import COLORS, Camera, best_scan, camera_at, corners_of, snapshot
 from jaxmm.reports.verdict_words import ASSUMED_WORDS
-from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, Source
+from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch
 from jaxmm.verdicts.verdicts import DISPLACED
 
 PRIORITIES = (("High", 0.9), ("Normal", 0.7), ("Low", 0.0))  # by the least probability of each
@@ -63,20 +63,19 @@ def topics_of(detection: Detection, project: str, new: Mapping[int, NewElement] 
     mismatches, sentences = detection.mismatches, detection.sentences
     guids = tuple(_guids(mismatches, sentences, project))
     links = [(index, one.moved_from) for index, one in enumerate(mismatches) if one.moved_from is not None]
-    doubts = [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
     topics: list[Topic] = []
     for index, (one, words) in enumerate(zip(mismatches, sentences, strict=True)):
         twins = [removed for added, removed in links if added == index]
         twins += [added for added, removed in links if removed == index]
         scan = best_scan(detection, one)
         seen = f"Seen best by the scan {one_line(detection.scans[scan].file)}."
-        lines = [words, *doubts, *_facts(one, detection), seen]
+        lines = [words, *doubt_lines(detection), *_facts(one, detection), seen]
         lines += [f"Seems to be the same object, moved: {sentences[twin]}" for twin in twins]
         camera, element = camera_at(detection.scans[scan].pose, one.center), global_id(one)
-        files = [(file.file, file.project) for file in files_about(one, detection)]
+        files = files_about(one, detection)
         if index in new:
             element = new[index].guid
-            files.append((new[index].file, files[0][1]))
+            files += ((new[index].file, files[0][1]),)
         is_added = one.mismatch_type == "added"
         topics.append(Topic(
             guids[index], title_of(one, detection), "\n".join(lines),
@@ -86,7 +85,7 @@ def topics_of(detection: Detection, project: str, new: Mapping[int, NewElement] 
             selected=(element,) if element else (),
             painted=((COLORS[one.mismatch_type], element),) if element else (),
             # A new one is in the updated model only, so its box is drawn as well.
-            corners=(corners_of(one),) if is_added or not element else (), files=tuple(files),
+            corners=(corners_of(one),) if is_added or not element else (), files=files,
         ))  # fmt: skip
     return tuple(topics)
 
@@ -145,14 +144,22 @@ def evidence_words(told: ElementVerdict) -> str:
     return f"Evidence: {told.points} points of the model's scan lie on it; of the robot's rays there, {counts}."
 
 
-def files_about(mismatch: Mismatch, detection: Detection) -> tuple[PriorFile | Source, ...]:
-    """The files of the model that a mismatch is about: all that have its element, or all of something added."""
+def doubt_lines(detection: Detection) -> list[str]:
+    """What speaks against all that a topic says, a line each."""
+    return [f"In doubt: {one_line(doubt)}" for doubt in detection.doubts]
+
+
+def files_about(mismatch: Mismatch, detection: Detection) -> tuple[tuple[str, str | None], ...]:
+    """The files of the model that a mismatch is about, with their IfcProject: all that have its element; of what is in
+    none of them, as something added, all.
+    """
     prior = detection.prior
     if prior is None:
         return ()
     told = next((one for one in detection.elements if one.key == mismatch.key), None)
     names = {mismatch.file, *(file for file, _ in told.same_as)} if told else {mismatch.file}
-    return tuple(one for one in prior.sources if one.file in names) or prior.sources or (prior,)
+    files = tuple(one for one in prior.sources if one.file in names) or prior.sources or (prior,)
+    return tuple((one.file, one.project) for one in files)
 
 
 def _guids(mismatches: tuple[Mismatch, ...], sentences: tuple[str, ...], project: str) -> Iterator[str]:

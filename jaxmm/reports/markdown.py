@@ -158,7 +158,8 @@ def prior_in_words(prior: PriorFile) -> str:
     if prior.sources:
         more = len(prior.sources) - MOST_FILES
         names = [*(one.file for one in prior.sources[:MOST_FILES]), *([f"and {more} more"] if more > 0 else [])]
-        return f"{kind} {prior.file}, of {len(prior.sources)} files: {', '.join(names)}"
+        count = "1 file" if len(prior.sources) == 1 else f"{len(prior.sources)} files"
+        return f"{kind} {prior.file}, of {count}: {', '.join(names)}"
     project = f", IfcProject {prior.project}" if prior.project else ""
     return f"{kind} {prior.file}, in {unit}{project}"
 

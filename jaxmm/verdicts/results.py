@@ -80,7 +80,7 @@ class ElementVerdict(NamedTuple):
     deviation: Deviation | None = None  # how far off its place it stands; None where no face of it tells
     box: UprightBox | None = None  # around it, where the model has it; None where nobody asked
     file: str = ""  # that it is of; empty where the prior came as arrays
-    same_as: tuple[Key, ...] = ()  # elements of other files at the same place: one verdict for all of them
+    same_as: tuple[Key, ...] = ()  # the same elsewhere, or its pieces: one verdict for all
 
     @property
     def key(self) -> Key:

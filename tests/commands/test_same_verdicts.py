@@ -152,6 +152,7 @@ def npy(folder, view):
 
 
 PLY = "ply\nformat {} 1.0\nelement vertex {{}}\nproperty double x\nproperty double y\nproperty double z\nend_header\n"
+VTK = "# vtk DataFile Version 3.0\nscan\n{}\nDATASET POLYDATA\nPOINTS {{}} double\n"
 PCD = "VERSION .7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nWIDTH {{}}\nHEIGHT 1\nDATA {}\n"
 WRITERS = [
     ptx, pts, organised_pcd, depth_folder, npy, *map(ours, (".ply", ".pcd", ".e57", ".las", ".laz", ".csv", ".npz")),
@@ -159,6 +160,8 @@ WRITERS = [
     by_hand("ply_big", ".ply", PLY.format("binary_big_endian"), lambda points: points.astype(">f8").tobytes()),
     by_hand("pcd_text", ".pcd", PCD.format("ascii"), as_text),
     by_hand("pcd_packed", ".pcd", PCD.format("binary_compressed"), as_lump),
+    by_hand("vtk_text", ".vtk", VTK.format("ASCII"), as_text),
+    by_hand("vtk", ".vtk", VTK.format("BINARY"), lambda points: points.astype(">f8").tobytes()),
     by_hand("xyz", ".xyz", "", as_text),
     by_hand("csv_german", ".csv", "Rechtswert;Hochwert;Höhe\n", as_german_csv),
     bag_of("ros1"), bag_of("sqlite3"), bag_of("mcap"),

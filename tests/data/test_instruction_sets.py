@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
+from jaxmm.caches import TREE as ROOT
 from jaxmm.files import sha256_of
 from jaxmm.versions import instructions
-from jaxmm.caches import TREE as ROOT
 
 WIDE = ("X86_V4", "AVX512_ICL", "AVX512_SPR")
 # What Python runs at its start, in workers too: Warp then compiles for a processor that knows AVX2 and no more.

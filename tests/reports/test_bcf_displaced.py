@@ -44,6 +44,8 @@ def test_a_displaced_element_is_a_topic_that_another_reader_reads(told, file, op
     for part in (one.guid, "W-102", "x 60 mm", "LOA20", "1234 rays", "robot.ply", "North is +y"):
         assert part in topic.description
     assert "y 0 mm" not in topic.description
+    (topic,) = displaced_topics(told, "Tower")
+    assert [name for name, _ in topic.files] == [told.prior.file]
 
 
 def test_the_camera_stands_at_the_sensor_and_the_lines_where_it_was_measured(told, file, opened):

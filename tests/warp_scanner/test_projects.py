@@ -161,6 +161,8 @@ def test_a_file_without_surfaces_is_named_and_left_out(tmp_path, count):
     assert len(found.elements.guid) == len(SHELL) + count and set(found.elements.file) == {"a.ifc", "c.ifc"} - (
         {"c.ifc"} if count == 1 else set()
     )
+    # Whoever writes the model back asks where its files lie.
+    assert {one.file for one in found.sources} == set(found.elements.file)
     first = model_of(tmp_path / "b.ifc", [tmp_path / "a.ifc"])
     assert len(read_model(first).elements.guid) == len(SHELL) + 1
     (tmp_path / "alone").mkdir()
@@ -168,6 +170,15 @@ def test_a_file_without_surfaces_is_named_and_left_out(tmp_path, count):
         (tmp_path / "alone" / name).write_bytes((tmp_path / "b.ifc").read_bytes())
     with pytest.raises(ValueError, match="with surfaces, found none"):
         read_model(model_of(tmp_path / "alone"))
+
+
+def test_why_a_file_has_no_surfaces_is_told(tmp_path):
+    pytest.importorskip("ifcopenshell")
+    write_room(tmp_path / "a.ifc", table_of(SHELL), 0)
+    (tmp_path / "flat.obj").write_text("o line\nv 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
+    found = read_model(model_of(tmp_path))
+    why = "flat.obj has no element with a surface; the first of 1 elements failed because all its triangles have zero"
+    assert any(note.startswith(why) for note in found.notes)
 
 
 def test_files_of_two_places_are_refused_and_how_far_they_are():

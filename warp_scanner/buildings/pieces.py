@@ -95,14 +95,15 @@ def _places(box: Change) -> np.ndarray:
     """(n, 3) spread evenly in a box."""
     steps = (np.arange(_STEPS) + 0.5) / _STEPS - 0.5
     grid = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    return box.center + (grid * box.size) @ _turn(box).T
+    return box.center + (grid * box.size) @ turn_of(box).T
 
 
 def _is_in(box: Change, places: np.ndarray) -> np.ndarray:
     """(n,) bool: places (n, 3) in a box."""
-    return np.all(np.abs((places - box.center) @ _turn(box)) <= box.size / 2.0, axis=1)
+    return np.all(np.abs((places - box.center) @ turn_of(box)) <= box.size / 2.0, axis=1)
 
 
-def _turn(box: Change) -> np.ndarray:
+def turn_of(box: Change) -> np.ndarray:
+    """(3, 3) from a box's own axes to the building's."""
     yaw = np.radians(box.yaw)
     return np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])

@@ -61,24 +61,28 @@ def read_model(model: Model, options: ReadOptions = AS_IT_IS, read: Reader = rea
         # The largest first: it takes longest. Errors come in the order of the names, whichever was met first.
         order = sorted(model.files, key=lambda one: -one.path.stat().st_size)
         found = {file.name: pool.submit(one_of, file) for file in order}
-        files, empty = [], []
+        files, empty = [], {}
         for file in model.files:
             try:
                 files.append(found[file.name].result())
             except BaseException as error:
                 # A schedule, or a trade that has drawn nothing yet, is none of the others' business.
                 if isinstance(error, ValueError) and WITHOUT_SURFACES in str(error):
-                    empty.append(error)
+                    empty[file.name] = error
                     continue
                 pool.shutdown(cancel_futures=True)
                 raise
     if not files:
-        raise empty[0]
-    names = {one.name for one in files}
-    left_out = tuple(f"{one.name} has no element with a surface" for one in model.files if one.name not in names)
+        raise next(iter(empty.values()))
+    left_out = tuple(
+        f"{name} has no element with a surface{str(error).partition(WITHOUT_SURFACES)[2]}"
+        for name, error in empty.items()
+    )
     if len(files) == 1:
-        return files[0].building._replace(notes=(*left_out, *files[0].building.notes))
-    whole = together(files, model.first if model.first in names else None)
+        alone = Placed(files[0], np.eye(4))
+        whole = alone.read.building._replace(sources=(_source(alone),))
+    else:
+        whole = together(files, None if model.first in empty else model.first)
     return whole._replace(notes=(*left_out, *whole.notes))
 
 
@@ -156,14 +160,9 @@ def joined(placed: Sequence[Placed]) -> Building:
     )  # fmt: skip
     failures: tuple[Failure, ...] = sum((one.failures for one in buildings), ())
     flaws: tuple[Failure, ...] = sum((one.flaws for one in buildings), ())
-    sources = tuple(
-        Source(each.read.name, "ifc" if each.read.is_ifc else "mesh", one.unit * _scale(each), one.project,
-               len(one.elements.guid), each.to_world)
-        for one, each in zip(buildings, placed, strict=True)
-    )  # fmt: skip
     return Building(
         elements, triangles, origin, table, failures, sum(one.zero_area for one in buildings),
-        (*told, *far, *_notes(placed)), _to_map(placed), flaws, sources=sources,
+        (*told, *far, *_notes(placed)), _to_map(placed), flaws, sources=tuple(map(_source, placed)),
         wholes=_wholes(buildings, rows), clear=_clear(buildings),
     )  # fmt: skip
 
@@ -183,6 +182,14 @@ def _clear(buildings: Sequence[Building]) -> np.ndarray | None:
         return None
     each = [np.zeros(len(one.triangles.faces), bool) if one.clear is None else one.clear for one in buildings]
     return np.concatenate(each)
+
+
+def _source(one: Placed) -> Source:
+    building = one.read.building
+    return Source(
+        one.read.name, "ifc" if one.read.is_ifc else "mesh", building.unit * _scale(one), building.project,
+        len(building.elements.guid), one.to_world,
+    )  # fmt: skip
 
 
 def _scale(one: Placed) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from warp_scanner.buildings.changes import Change, of_element
-from warp_scanner.buildings.pieces import SAME, may_be_same, pieced_elements
+from warp_scanner.buildings.pieces import SAME, may_be_same, pieced_elements, turn_of
 from warp_scanner.scenes.building import Building, Twin, element_bounds
 from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import OTHER
@@ -97,8 +97,7 @@ def _pairs(building: Building) -> list[tuple[int, int, float]]:
 
 def common(one: Change, other: Change) -> float:
     """Volume that two boxes share, over that of both, along the axes of the first."""
-    yaw = np.radians(one.yaw)
-    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    turn = turn_of(one)
     (low, high), (least, most) = (
         ((points := each.triangles.vertices.astype(np.float64) @ turn).min(axis=0), points.max(axis=0))
         for each in (one, other)
