@@ -311,7 +311,8 @@ def _variance(place: np.ndarray, left: np.ndarray, sigma: float) -> np.ndarray:
     worth = max(4.0, min(float(len(count)), float(len(place))))
     if len(count) >= ENOUGH_CELLS:
         means = np.bincount(number, np.clip(left, -CUT * sigma, CUT * sigma)) / count
-        sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(means))))
+        left_over = np.sqrt(len(count) / (len(count) - 3.0))  # the plane was fitted to them: they lie too near to it
+        sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(means))) * left_over)
     rows = np.column_stack([np.ones(len(place)), place - place.mean(axis=0)])
     told = rows.T @ rows * (worth / len(place))
     scale = np.diag([0.0, *(1.0 / np.square(np.full(2, MOST_SLOPE)))]) * sigma**2

@@ -284,7 +284,7 @@ def _held(folder: Path | None, key: str) -> Iterator[Path]:
         try:
             yield folder
         except (InputError, RuntimeError, KeyboardInterrupt) as error:
-            if any(folder.glob(f"?????-{'?' * 32}{SUFFIX}")):
+            if any(folder.glob(f"[0-9]????-{'?' * 32}{SUFFIX}")):  # of a station: the prior's name is as long
                 kept = f"what is done is kept in {folder}, from where the same command goes on"
                 kind = next(
                     one for one in (Misfit, InputError, RuntimeError, KeyboardInterrupt) if isinstance(error, one)

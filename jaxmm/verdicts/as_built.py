@@ -66,19 +66,19 @@ def as_built(
     tolerance = tolerances(prior, limits)
     found = deviations_by(prior.scene, shown, tolerance)
     # Farther than that it is another thing, or the same one that was moved.
-    near = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= limits.most + MOST_HALF}
-    glazed = _glazed(prior)
-    found = {row: one for row, one in near.items() if not glazed[row]}
+    farthest, glazed = limits.most + MOST_HALF, _glazed(prior)
+    found = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= farthest and not glazed[row]}
     moved = {row: _step(one) for row, one in found.items() if _is_off(one)}
     # What stands beside its place is where its rays pass.
-    lost = [row for row in columns_of(prior.scene) if row not in found or found[row].stands < WHOLLY]
+    slender = columns_of(prior.scene)
+    lost = [row for row in slender[~glazed[slender]] if row not in found or found[row].stands < WHOLLY]
     shifts = shifts_of(prior.scene, beside, np.array(lost, int), limits.most)
     if shifts:
         there = _with_moved(prior, moved | {row: (one.step, np.zeros(3)) for row, one in shifts.items()}, found)
         laid = deviations_by(there.scene, again(there, np.array(list(shifts))), tolerance)
         for row, shift in shifts.items():
             one = shifted(laid[row], shift) if row in laid and laid[row].stands >= STANDS else None
-            if one is not None and np.linalg.norm(one.offset) <= limits.most + MOST_HALF:
+            if one is not None and np.linalg.norm(one.offset) <= farthest:
                 found[row], moved[row] = one, _step(one)
     now = _with_moved(prior, moved, found) if moved else prior
     return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)}, tolerance)

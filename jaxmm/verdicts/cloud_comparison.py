@@ -21,6 +21,7 @@ VOXEL = 0.1  # [m]
 LEAST_ROOM = 0.5  # [m] from floor to ceiling
 LEAST_POINTS = 50  # of the prior in view
 LEAST_BESIDE, BESIDE = 4, 0.25  # points of a prior so near [m] to one of its own that is of a surface: of a full one 20
+SPARSE = 0.5  # share of points that have them, below which a prior is too sparse to tell what hangs
 
 
 class Compared(NamedTuple):
@@ -71,10 +72,12 @@ def on_surfaces(points: np.ndarray) -> np.ndarray:
     """(N,) bool: points (N, 3), one a voxel, that have others beside them, as surfaces have.
 
     At the edges of things a scanner mixes the ranges of both sides. Such points hang in the air, in a thin sheet along
-    its line of sight; from another place one looks through that, as through a wall that is gone.
+    its line of sight; from another place one looks through that, as through a wall that is gone. Of a cloud that is
+    sparse everywhere nobody can tell: all are.
     """
     beside = cKDTree(points).query(points, LEAST_BESIDE + 1, distance_upper_bound=BESIDE)[0]
-    return np.isfinite(beside[:, -1])
+    found = np.isfinite(beside[:, -1])
+    return found if found.mean() >= SPARSE else np.ones(len(points), bool)
 
 
 def visible(cloud: np.ndarray, rays: ScanRays) -> np.ndarray:

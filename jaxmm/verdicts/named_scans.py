@@ -103,10 +103,13 @@ def held_scan(prior: Prior, one: NamedScan, laid: tuple[Placed, str], held: Held
         Misfit: it fits neither the prior nor the others; the line names its file.
     """
     placed, misfit = laid
-    if held is not None:
+    if held is None:
+        if misfit:
+            raise Misfit(misfit)
+        return placed
+    try:
         return hold(
             placed, held, one.scan, lambda there: surfaces_along(prior.scene, rays_of_scan(there)), bool(misfit)
         )
-    if misfit:
-        raise Misfit(misfit)
-    return placed
+    except Misfit as error:
+        raise Misfit(f"{one.file}: {error}") from error

@@ -134,6 +134,9 @@ def hold(
         believed: as it was given; its points are not asked for.
         shown: what the prior shows (M, 3) [m] from where a scan is.
         is_misfit: whether it fits the prior alone from nowhere.
+
+    Raises:
+        Misfit: the prior has nothing in view from there.
     """
     there = _moved(placed.scan, held.motion)
     fit, others = place(there, shown(there), refine=False), f"{held.others} other scan{'s' * (held.others > 1)}"

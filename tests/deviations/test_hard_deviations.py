@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from jaxmm.deviations import fits
 from jaxmm.deviations.deviation import deviations_by, deviations_of, faces_of
 from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
 from jaxmm.rays.own_ranges import own_ranges
@@ -167,3 +168,16 @@ def test_noise_displaces_no_wall(noise):
     """Places of 0.1 m err by centimetres each, but the face that is fitted to all of them does not."""
     found = told(hall(), seen(hall(), noise=noise), trust=EXACT)
     assert max(one.surely for one in found.values()) < 0.004
+
+
+@pytest.mark.parametrize("wide, high", [(0.2, 0.4), (0.3, 0.4), (0.5, 0.5)])
+def test_few_cells_tell_an_interval_that_holds_the_truth(wide, high):
+    """Cells of 0.1 m err by 3 mm each, and rays by as much within them; so few lie near any plane through them."""
+    rng, held, count = np.random.default_rng(0), [], round(2000 * wide * high)
+    for _ in range(300):
+        place = rng.uniform(0.0, [wide, high], (count, 2))
+        number = np.unique(fits.cells_of(place), return_inverse=True)[1]
+        off = rng.normal(0.0, 0.003, number.max() + 1)[number] + rng.normal(0.0, 0.003, count)
+        _, found, left, sigma = fits._least_squares(off, place, np.ones(count, bool))
+        held.append(abs(found[0]) < 1.96 * np.sqrt(fits._variance(place, left, sigma)[0, 0]))
+    assert np.mean(held) > 0.88

@@ -48,6 +48,7 @@ def test_their_order_changes_no_pose(scans):
     assert [one.pose for one in again.scans] == [found.scans[one].pose for one in order]
 
 
+@pytest.mark.long
 def test_one_station_is_laid_upon_the_model_alone(scans):
     model, files, poses = scans
     alone = detect(model, files[LAST], poses[LAST])

@@ -204,6 +204,7 @@ def test_what_ends_it_names_the_folder_that_is_kept(kind, tmp_path):
     folder = tmp_path / "work"
     for done in (False, True):
         with pytest.raises(kind) as told, work_folder._held(folder, "one"):
+            write_record(folder / f"prior-{'0' * 32}{SUFFIX}", 1)
             if done:
                 write_record(folder / f"00000-{'0' * 32}{SUFFIX}", 1)
             raise kind("it ends")

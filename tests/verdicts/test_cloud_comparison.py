@@ -64,6 +64,17 @@ def test_points_that_hang_behind_an_edge_are_of_no_surface_and_all_of_sparse_wal
         assert both[: len(surface)].mean() > 0.94 and both[len(surface) :].mean() < 0.3
 
 
+@pytest.mark.parametrize("step", [0.2, 0.25, 0.4])
+def test_of_a_prior_that_is_sparse_everywhere_all_points_are_judged(step):
+    far = wall(5.0, 0.02)
+    sparse = np.concatenate([wall(3.0, step), wall(5.0, step)])
+    found = compare(sparse, scan_of(far)).prior
+    assert len(found.points) == len(visible(sparse, scan_of(far)))
+    x, y, z = found.points.T
+    gone = (x < 4) & (abs(y) < 2.2) & (z < 2.2) & (z > 0.6)  # beyond, nothing is behind
+    assert gone.sum() > 30 and found.candidate[gone].mean() > 0.9
+
+
 def test_what_hangs_in_a_prior_is_not_judged_and_what_stands_there_is():
     far = wall(5.0, 0.02)
     found = compare(np.concatenate([veil(), wall(5.0)]), scan_of(far))

@@ -26,3 +26,16 @@ def test_a_shelf_below_glass_moves_no_table(judges, is_glass):
     settings = DetectSettings(classes=("all",), refine=False, propose_views=False)
     found = detect_scans(prior_of_building(building), [scan], judges, settings)
     assert (found.elements[-1].verdict == "displaced") == (not is_glass)
+
+
+@pytest.mark.parametrize("is_glass", [True, False])
+def test_a_showcase_is_not_looked_for_beside_its_place(judges, is_glass):
+    """It is as slender as a column: of such, what stands beside its place is found by its shape."""
+    case = ((1.0, 0.0, 1.0), (0.3, 0.3, 1.0), OTHER)
+    building, last = building_of((*SHELL, case)), len(SHELL)
+    triangles = building.triangles
+    sides = (triangles.element == last) & (np.cumsum(triangles.element == last) > 8)
+    scan = scan_of((*SHELL, ((1.0, 0.2, 1.0), *case[1:])), np.array([-2.5, 0.3, 1.6]), sensor_named("ouster-64"))
+    settings = DetectSettings(classes=("all",), refine=False, propose_views=False)
+    found = detect_scans(prior_of_building(building._replace(clear=sides & is_glass)), [scan], judges, settings)
+    assert (found.elements[-1].deviation is None) == is_glass

@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, Misfit
+from jaxmm.rays.joint_poses import Held
 from jaxmm.rays.registration import register
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.runs.room_scans import as_cloud, room_cases
 from jaxmm.verdicts.building_evidence import passed_by, surfaces_along
 from jaxmm.verdicts.cloud_comparison import visible
+from jaxmm.verdicts.named_scans import held_scan, laid_scan
 from jaxmm.verdicts.placement import OF_CLOUDS, FitLimits, Passed, place
+from jaxmm.verdicts.priors import prior_of_building
+from jaxmm.verdicts.settings import DetectSettings
+from tests.cases.box_building import building_of, scan_of, shell_of
+from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
 
 
 def room(scenario="wall_removed", number=5):
@@ -264,3 +270,17 @@ def test_two_walls_that_match_move_a_scan_without_a_turn_too():
         found = place(off, walls)
         assert found.shift == pytest.approx(0.42, abs=0.05), found
         assert found.overlap > 0.95 and "left where" not in str(found.notes), found
+
+
+def test_a_scan_that_others_hold_where_the_model_shows_nothing_is_refused_by_its_name():
+    shell = shell_of(4.0, 3.0, 3.0)
+    prior = prior_of_building(building_of(shell))
+    one = scan_of(shell, np.array([0.5, 0.3, 1.5]), OAK_D_PRO_SMALL)._replace(file="north.e57")
+    laid, away = laid_scan(prior, one, DetectSettings()), np.eye(4)
+    away[2, 3] = 500.0
+    assert held_scan(prior, one, laid, None) is laid[0]
+    assert held_scan(prior, one, laid, Held(np.eye(4), 2, 100)).held
+    with pytest.raises(Misfit, match=r"^north\.e57: the prior has nothing in view"):
+        held_scan(prior, one, laid, Held(away, 2, 100))
+    with pytest.raises(Misfit, match=r"^north\.e57: it fits nowhere$"):
+        held_scan(prior, one, (laid[0], "north.e57: it fits nowhere"), None)
