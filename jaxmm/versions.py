@@ -27,11 +27,11 @@ PACKAGES = (
     "warp-lang",
 )
 
-TOLD = ("git_commit", "processor", "instructions")  # of versions(): for readers, no bits hang on them
+TOLD = ("git_commit", "processor", "instructions")  # of versions(): for readers; a run may go on where they are others
 
 
 def versions() -> dict[str, Any]:
-    """What the bits of a run depend on."""
+    """What the bits of a run depend on, and TOLD."""
     return {
         "python": platform.python_version(),
         "machine": platform.machine(),

@@ -46,7 +46,7 @@ def read_model(paths: Sequence[Path], weeks: Sequence[Week]) -> Model:
             raise InputError(f"--model: expected a file or a folder, {path} is not there")
     first, *others = paths
     try:
-        files = model_of(first, [file.path for path in others for file in model_of(path).files])
+        files = model_of(first, [file.path for path in others for file in model_of(path).files], "--model")
         building = projects.read_model(files)
     except (ValueError, ImportError) as error:
         raise InputError(str(error)) from error

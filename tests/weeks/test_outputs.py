@@ -178,6 +178,7 @@ def test_reports_without_places_still_have_tables_and_a_page(tmp_path, capsys):
         (["--date", "week0=soon"], "--date week0: expected a date"),
         (["--date", "elsewhere=2026-03-02"], "expected one of the reports"),
         (["--model", "nowhere.ifc"], "--model: expected a file or a folder"),
+        (["--model", __file__, "--model", jaxmm.__file__], "beside --model: expected a model ending in .ifc"),
         (["nowhere"], "nowhere: expected"),
     ],
 )

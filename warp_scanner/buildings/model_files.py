@@ -43,13 +43,14 @@ class Model(NamedTuple):
         return any(is_ifc(one.path) for one in self.files)
 
 
-def model_of(path: Path | str, also: Sequence[Path | str] = ()) -> Model:
+def model_of(path: Path | str, also: Sequence[Path | str] = (), option: str = "--also") -> Model:
     """The files of a model.
 
     Args:
         path: a file of any kind, or a folder: all IFC and mesh files in it and below. Folders of results are passed
             over, and so is what is hidden.
         also: IFC or mesh files that belong to it as well.
+        option: what users call these, for errors.
 
     Raises:
         ValueError: nothing there; a folder without models; a file that is no model beside others; one line.
@@ -59,9 +60,9 @@ def model_of(path: Path | str, also: Sequence[Path | str] = ()) -> Model:
     if not own:
         raise ValueError(f"{path}: expected a folder with models ({', '.join(KNOWN)}), found none in it")
     if not path.is_dir() and also:
-        _check(path, path, "beside --also")
+        _check(path, path, f"beside {option}")
     for one in also:
-        _check(one, path, "--also")
+        _check(one, path, option)
     known = {one.resolve(): one for one in [*also, *own]}
     named = {one: one.relative_to(path).as_posix() for one in own} if path.is_dir() else {}
     taken = set(named.values())
