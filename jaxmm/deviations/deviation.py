@@ -46,7 +46,7 @@ class Deviation(NamedTuple):
     classes: dict[str, str]  # by standard
     # What follows is not in report.json.
     turned: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad] rotation vector about its middle, of what faces fix
-    half: float = 0.0  # half the width of the interval of `distance`
+    half: float = 0.0  # [m] that the interval of `distance` reaches to either side, at most
     stands: float = 1.0  # share of the rays that could reach it, that end on it
     scans: tuple[int, ...] = ()  # numbers of those that show it
     worst: float = 0.0  # [m] where it is turned or leans, its ends are off by more than this less `half`
@@ -83,7 +83,7 @@ def shifted(one: Deviation, shift: Shift) -> Deviation:
         interval=tuple(both and (float(both[0]), float(both[1])) for both in interval),
         distance=distance, direction=_plain(way), half=half, coverage=0.0,
         classes={"loa": loa_of(distance + one.flatness), "din18202": din_of(distance, half, long, slope, high)},
-        worst=distance + one.flatness, step=_plain(offset),
+        worst=distance + max(0.0, one.worst - one.half), step=_plain(offset),
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import trimesh
 
 from jaxmm.deviations import fits
 from jaxmm.deviations.deviation import deviations_by, deviations_of, faces_of
-from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
+from jaxmm.deviations.pose_errors import EXACT, HELD, KEPT, REGISTERED
 from jaxmm.rays.own_ranges import own_ranges
 from jaxmm.rays.range_noise import settled
 from jaxmm.rays.scan_rays import rays_of_scan
@@ -181,3 +181,16 @@ def test_few_cells_tell_an_interval_that_holds_the_truth(wide, high):
         _, found, left, sigma = fits._least_squares(off, place, np.ones(count, bool))
         held.append(abs(found[0]) < 1.96 * np.sqrt(fits._variance(place, left, sigma)[0, 0]))
     assert np.mean(held) > 0.88
+
+
+def test_what_others_hold_sees_that_all_walls_moved():
+    """Of its own walls alone it would be taken for the pose that is off."""
+    real = hall()
+    for row in range(2, len(HALL)):
+        real = moved(real, row, (0.1, 0.0, 0.0))
+    rays = seen(real, noise=0.003)
+    held, registered = (told(hall(), rays, trust=trust) for trust in (HELD, REGISTERED))
+    for row, sign in ((2, 1.0), (3, -1.0)):
+        one = held[row]
+        assert one.surely > 0.03 and abs(one.distance - 0.1 * sign) < one.half
+        assert registered[row].surely == 0.0

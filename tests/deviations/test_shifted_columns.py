@@ -1,9 +1,10 @@
-"""Points about columns, found by squares."""
+"""Points about columns, found by squares; and how far off a column is that was found beside its place."""
 
 import numpy as np
 import pytest
 
-from jaxmm.deviations.shifted_columns import _Squares
+from jaxmm.deviations.deviation import Deviation, shifted
+from jaxmm.deviations.shifted_columns import Shift, _Squares
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -26,3 +27,18 @@ def test_without_a_place_none_is_found():
     assert not len(_Squares(np.zeros((0, 2), np.float32)).between(np.zeros(2), np.ones(2)))
     beside = _Squares(np.ones((5, 2), np.float32)).between(np.full(2, -9.0), np.full(2, -8.0))
     assert len(beside) in (0, 5)
+
+
+@pytest.mark.parametrize("leans", [0.0, 0.015])
+def test_a_rough_shaft_is_no_farther_off_than_a_smooth_one(leans):
+    """What its ends are surely off where it was found adds to that; ranges that err do not."""
+    shift, none = Shift(np.array([0.05, 0.0, 0.0]), np.array([0.02, 0.01])), (0.0, 0.0, 0.0)
+    smooth, rough = (
+        shifted(
+            Deviation(none, (None, None, None), 0.0, (1.0, 0.0, 0.0), None, None, flatness, 1.0, 900, {}, half=0.004,
+                      worst=leans and leans + 0.004),
+            shift,
+        )
+        for flatness in (0.0, 0.03)
+    )  # fmt: skip
+    assert smooth.surely == rough.surely == pytest.approx(0.05 + leans - 0.02)
