@@ -31,7 +31,7 @@ AROUND = 6  # patches of another station that are looked at
 STEP = 0.01  # [m] to either side of a patch, where the distance to the model is asked for, too
 STEEP = 0.9  # by how much that must change with each metre, for the patch to be parallel to the surface
 AT_ODDS, MOST_AT_ODDS = 0.05, 0.1  # [m] by which two stations disagree of a patch, and share of those they may
-LEAST_SHARED = 30  # patches of a station that others must share, to hold it
+LEAST_SHARED = 30  # pairs of a station's patches with those of others, to hold it
 LEAST_AGREED = 0.6  # share of these that must agree
 SAME_SHIFT, SAME_TURN = 0.02, np.radians(0.3)  # [m], [rad] up to which a station stays as it was laid
 OTHERS, PLACE = 8, 1.0  # stations that each is compared with: those that see most of the same places of so many [m]
@@ -54,7 +54,7 @@ class Held(NamedTuple):
 
     motion: np.ndarray  # (4, 4) float64: from where it was laid
     others: int  # how many hold it
-    shared: int  # patches that agree with theirs
+    shared: int  # pairs of its patches with theirs that agree
 
 
 class _Net(NamedTuple):
@@ -167,7 +167,7 @@ def _couples(stations: list[Station]) -> np.ndarray:
 
 
 def _agreed(pairs: _Rows, count: int) -> np.ndarray:
-    """(S, S) patches of which two stations agree."""
+    """(S, S) pairs of patches of which two stations agree."""
     agreed = np.zeros((count, count), int)
     agree = np.abs(pairs.off) < AT_ODDS
     np.add.at(agreed, (pairs.first[agree], pairs.second[agree]), 1)
