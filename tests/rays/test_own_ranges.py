@@ -22,7 +22,7 @@ def test_ranges_that_settled_come_back_as_they_were_measured_wherever_the_scan_l
     true = np.linalg.norm(whole.points.astype(np.float64) - PLACE, axis=1)
     assert found.moved and own.shape == (rays.measured,)
     assert np.mean(np.abs(own - rays.distance[: rays.measured]) > 1e-3) > 0.5
-    # Each of them was measured, and none twice.
+    # Each of them was measured.
     order = np.sort(true)
     place = np.clip(np.searchsorted(order, own), 1, len(order) - 1)
     apart = np.minimum(np.abs(order[place] - own), np.abs(order[place - 1] - own))
