@@ -16,6 +16,7 @@ import numpy as np
 
 from jaxmm.deviations.element_motion import NORMAL, Motion, Seen, motion_of, telling
 from jaxmm.deviations.fits import CELL, CUT, UNKNOWN_SLOPE, Fit, cells_of, fit_of, fits_of_curved
+from jaxmm.deviations.heights import Heights, heights_of
 from jaxmm.deviations.meetings import STEEP, Meetings, groups_of, meetings_of
 from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors
 from jaxmm.deviations.shifted_columns import Shift, columns_of
@@ -111,6 +112,7 @@ class Faces(NamedTuple):
     sensor: np.ndarray  # (3,) float64 [m]
     poses: list[PoseError]  # how far off it may be, the likeliest first
     seen: list[Seen]
+    heights: Heights  # at which its rays end on them, or pass
 
 
 def deviations_of(
@@ -136,9 +138,11 @@ def faces_of(scene: TriangleScene, rays: ScanRays, trust: str, own: np.ndarray |
         trust: in its pose, one of pose_errors.TRUSTS.
         own: as of `meetings_of`.
     """
-    found = _fits(scene, meetings_of(scene, rays, own), columns_of(scene))
+    met = meetings_of(scene, rays, own)
+    found = _fits(scene, met, columns_of(scene))
     poses = pose_errors([fit for _, fit in found], rays.position, trust)
-    return Faces(rays.position, poses, [_seen(group, fit, poses[0], rays.position) for group, fit in found])
+    seen = [_seen(group, fit, poses[0], rays.position) for group, fit in found]
+    return Faces(rays.position, poses, seen, heights_of(scene.triangles, met))
 
 
 def deviations_by(scene: TriangleScene, shown: list[Faces], tolerance: np.ndarray) -> dict[int, Deviation]:

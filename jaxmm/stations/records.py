@@ -23,6 +23,7 @@ from jaxmm.classes.telling_rays import Telling
 from jaxmm.deviations.deviation import Faces
 from jaxmm.deviations.element_motion import Seen
 from jaxmm.deviations.fits import Fit
+from jaxmm.deviations.heights import Heights
 from jaxmm.deviations.pose_errors import PoseError
 from jaxmm.deviations.shifted_columns import Beside
 from jaxmm.files import REMEDY
@@ -56,8 +57,8 @@ from warp_scanner.sensors.sensors import Pinhole, Spinning
 KINDS = {
     kind.__name__: kind
     for kind in (
-        Again, Alone, Beside, Building, Elements, Faces, Failure, Fit, Frame, GivenPose, Held, Imperfections,
-        Judged, KnownBuilding, Looked, NamedScan, OwnElements, OwnScan, Past, Patches, Pinhole, Placed,
+        Again, Alone, Beside, Building, Elements, Faces, Failure, Fit, Frame, GivenPose, Heights, Held,
+        Imperfections, Judged, KnownBuilding, Looked, NamedScan, OwnElements, OwnScan, Past, Patches, Pinhole, Placed,
         PointScan, PoseError, PosedScan, Prior, PriorFile, Says, ScanRays, ScanSource, Seen, Shown, Side,
         Source, Spinning, Station, Stood, Storeys, Taken, Telling, Told, Triangles, Twin, Uprights, View, Whole,
     )

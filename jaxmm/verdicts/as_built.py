@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxmm.classes.selection import CLASSES
 from jaxmm.deviations.deviation import Deviation, Faces, deviations_by, is_told, shifted
+from jaxmm.deviations.heights import passed_above
 from jaxmm.deviations.pose_errors import EXACT, HELD, KEPT, REGISTERED
 from jaxmm.deviations.shifted_columns import Beside, columns_of, shifts_of
 from jaxmm.deviations.tolerances import DeviationSettings
@@ -68,6 +69,7 @@ def as_built(
     # Farther than that it is another thing, or the same one that was moved.
     farthest, glazed = limits.most + MOST_HALF, _glazed(prior)
     found = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= farthest and not glazed[row]}
+    vacant = ~glazed & passed_above(prior.scene.triangles, (one.heights for one in shown), in_place=True)
     moved = {row: _step(one) for row, one in found.items() if _is_off(one)}
     # What stands beside its place is where its rays pass.
     slender = columns_of(prior.scene)
@@ -81,6 +83,15 @@ def as_built(
             if one is not None and np.linalg.norm(one.offset) <= farthest:
                 found[row], moved[row] = one, _step(one)
     now = _with_moved(prior, moved, found) if moved else prior
+    if vacant.any():
+        # Past what stands beside its place rays pass, too: where it is found, they must as well.
+        if beside := [row for row in np.flatnonzero(vacant) if row in moved]:
+            there = again(now, np.array(beside))
+            over = passed_above(now.scene.triangles, (one.heights for one in there), in_place=False)
+            vacant[beside] = over[beside]
+        found = {row: one for row, one in found.items() if not vacant[row]}
+        kept = {row: step for row, step in moved.items() if not vacant[row]}
+        now = (_with_moved(prior, kept, found) if kept else prior)._replace(vacant=vacant)
     return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)}, tolerance)
 
 

@@ -103,7 +103,7 @@ def sight(prior: Prior, rays: ScanRays) -> Sighting:
     measured = measured_points(rays)
     own = thin_clouds([measured], VOXEL)[0]
     of_prior = _prior_view(
-        scene,
+        prior,
         rays,
         (expected, margin, noise),
         (places[kept], reach[kept], element[kept], _spacing_at(rays, kept)),
@@ -123,15 +123,24 @@ def _spacing_at(rays: ScanRays, chosen: np.ndarray) -> np.ndarray:
     return np.where(chosen < len(rays.pattern) - rays.fine, rays.spacing, rays.fine_spacing)
 
 
+def _in_vacant_places(prior: Prior, rays: ScanRays, expected: Hits, margin: np.ndarray) -> np.ndarray:
+    """(P,) bool: rays that end where they should, on what stands in the place of an element that does not."""
+    if prior.vacant is None:
+        return np.zeros(len(rays.distance), bool)
+    with np.errstate(invalid="ignore"):  # no return where none was expected
+        ends = np.abs(rays.distance - expected.distance) <= margin
+    return ends & (expected.element >= 0) & prior.vacant[expected.element]
+
+
 def _prior_view(
-    scene: TriangleScene,
+    prior: Prior,
     rays: ScanRays,
     told: tuple[Hits, np.ndarray, Noise],
     seen: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     robot: np.ndarray,
 ) -> View:
     """What the robot's rays say of points that the pattern shows of the prior."""
-    (expected, margin, noise), (points, reach, element, spacing) = told, seen
+    scene, (expected, margin, noise), (points, reach, element, spacing) = prior.scene, told, seen
     direction = ((points - rays.position) / reach[:, None]).astype(np.float32)
     angle = np.clip(FOOTPRINT / reach, 0.75 * spacing, np.maximum(MOST_ANGLE, 0.75 * spacing)).astype(np.float32)
     unused = np.zeros(len(reach), np.float32)
@@ -142,7 +151,8 @@ def _prior_view(
     )
     # What ends on another surface where the prior's should be stands before it, if but by a little.
     tilted = tilted_ends(rays.direction, met)
-    distance = np.where(tilted, expected.distance - 2.0 * margin, rays.distance).astype(np.float32)
+    other = tilted | _in_vacant_places(prior, rays, expected, margin)
+    distance = np.where(other, expected.distance - 2.0 * margin, rays.distance).astype(np.float32)
     found = look(sort_directions(rays.direction), distance[None], [targets], predicted)[0]
     cosine = hits_of(scene, rays.position, direction).cosine
     own = margins(cosine, sigma_at(noise, reach))

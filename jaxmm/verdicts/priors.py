@@ -60,6 +60,8 @@ class Prior(NamedTuple):
     # Position (3,) and rotation (3, 3) [m], of a cloud whose file says a pose, and not whether its points are in the
     # sensor's frame.
     untold: tuple[np.ndarray, np.ndarray] | None = None
+    # (E,) bool: in its place something else stands, and lower, as scans show: what ends there is no support.
+    vacant: np.ndarray | None = None
 
     @property
     def has_elements(self) -> bool:

@@ -164,7 +164,7 @@ def moved_station(context: Context, shelf: Shelf, rows: np.ndarray) -> Faces:
     """Where columns were found beside their places: what its rays show of them (n,) there."""
     trust = trust_in(shelf["stood"].placed, context.settings.refine)
     faces = faces_of(context.prior.scene, shelf["rays"], trust, shelf["own"])
-    return faces._replace(seen=[one for one in faces.seen if one.element in rows])
+    return faces._replace(seen=[one for one in faces.seen if one.element in rows])  # heights are of all
 
 
 def look_station(context: Context, shelf: Shelf) -> Judged:
@@ -205,7 +205,8 @@ def alone_station(context: Context, shelf: Shelf, rows: list[int]) -> list[Alone
 
 def telling_station(context: Context, shelf: Shelf, others: np.ndarray, gone: np.ndarray) -> Telling:
     """What its rays tell of some elements (E,) bool that nothing else explains, without what is gone (E,) bool."""
-    return telling_rays(known_of(context.prior), shelf["rays"], others, gone)
+    found, vacant = telling_rays(known_of(context.prior), shelf["rays"], others, gone), context.prior.vacant
+    return found if vacant is None else found._replace(support=np.where(vacant, 0, found.support))
 
 
 def _bare(scan: PosedScan) -> PosedScan:
