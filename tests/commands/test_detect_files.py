@@ -187,7 +187,7 @@ def test_a_folder_that_cannot_be_filled_stays_as_it_was(room, tmp_path, monkeypa
         (work / "plan.png").write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(drawing_process, "_figures", full)
+    monkeypatch.setattr(drawing_process, "_plan", full)
     (tmp_path / "out").mkdir()
     for out in (tmp_path / "out", tmp_path / "other"):
         with pytest.raises(InputError, match="--out: cannot write") as told:

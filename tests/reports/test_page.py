@@ -185,6 +185,11 @@ def test_frame_holds_the_room_and_cuts_it_above_the_head(case):
         )
 
 
+def test_points_that_are_left_out_are_passed_by_in_strides_that_webgl_allows(case):
+    steps = [int(step) for step in re.findall(r"share: [\d.]+, step: (\d+)", page_text(case.detection))]
+    assert len(steps) > 3 and steps[0] == 1 and 12 * max(steps) <= 255
+
+
 def test_page_replaces_an_old_file_and_leaves_nothing_else(case, tmp_path):
     path = tmp_path / "report.html"
     path.write_text("old")
