@@ -76,6 +76,9 @@ def test_an_opening_in_a_wall_is_not_above_it():
     assert not passed(PARTITION, ((sill, lintel, front), PLACE, OUSTER_64))
     assert not passed(PARTITION, ((sill, jamb, front), PLACE, OUSTER_64))
     assert passed(PARTITION, ((sill, front), PLACE, OUSTER_64))
+    # What hides the jamb, or the lintel, hides whether there is one.
+    for hides in (thing(1.5, -0.9, (0.2, 1.4), HIGH, 0.9), thing(1.5, 0.0, (0.2, 4.0), HIGH, 2.2)):
+        assert not passed(PARTITION, ((sill, front, hides), PLACE, OUSTER_64))
 
 
 def test_scans_tell_together():
