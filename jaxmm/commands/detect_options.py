@@ -131,14 +131,13 @@ def _detect(options: argparse.Namespace) -> None:
         given["refine"] = False
     if options.classes:
         given["classes"] = [name.strip() for names in options.classes for name in names.split(",")]
-    settings, reading = load_settings(options.settings, **given), _reading(options, sensor)
+    settings, reading, work = load_settings(options.settings, **given), _reading(options, sensor), _work(options)
     with drawing_beside():
         # Not before: a process with threads is not split.
         threading.Thread(target=_load_ahead, args=(options.prior,), name="loading").start()
         detection = detect_files.detect(
             options.prior, options.scans, poses, also=options.also, reading=reading, settings=settings,
-            model=options.model or DEFAULT, date=options.date,
-            work=_work(options),
+            model=options.model or DEFAULT, date=options.date, work=work,
         )  # fmt: skip
         for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
             print(note)
@@ -146,6 +145,7 @@ def _detect(options: argparse.Namespace) -> None:
             detection, options.prior, options.out, also=options.also, apply=options.apply, as_built=options.as_built,
             bcf=options.bcf,
         )  # fmt: skip
+    work.clear()
     for line in (*said, *sentences_of(detection), detection.summary()):
         print(line)
     print(f"reports: {options.out}")
@@ -164,11 +164,11 @@ def _load_ahead(prior: Path) -> None:
 
 
 def _work(options: argparse.Namespace):
-    """How to go about several stations: what is done of them stays beside --out until all is."""
+    """How to go about several stations: what is done of them stays beside --out until that is written."""
     from jaxmm.stations.work_folder import Work
 
     out = options.out.resolve()
-    return Work(options.engine, options.workers, out.with_name(f".{out.name}.stations"), options.keep_going)
+    return Work(options.engine, options.workers, out.with_name(f".{out.name}.stations"), options.keep_going, True)
 
 
 def _sensor(asked: str | None):

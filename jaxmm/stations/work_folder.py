@@ -45,6 +45,7 @@ class Work(NamedTuple):
     workers: int | None = None  # processes; None: one a core, or this one alone for a few stations
     folder: Path | None = None  # of what is done, where a killed detection goes on; None: a temporary one
     keep_going: bool = False  # leaves out stations that cannot be used
+    leaves: bool = False  # the folder when all is done, for whoever has yet to write what was found; `clear` removes it
 
     def check(self) -> "Work":
         """Itself, if it can be done so; of a cluster, connected to it.
@@ -59,6 +60,11 @@ class Work(NamedTuple):
         if self.engine == "ray":
             ray_engine.connect(self.workers)
         return self
+
+    def clear(self) -> None:
+        """Remove the folder with all that is in it."""
+        if self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
 
 
 class Shared(NamedTuple):
@@ -85,15 +91,16 @@ def kept_stations(
 ) -> Iterator["KeptStations"]:
     """Stations of some sources, with the scans that are read already, while their work folder is held.
 
-    Steps are done by the `results` of `engine_of`. The folder is removed when all is done, and where an error comes
-    before any step is done; a killed process leaves it, and an error that comes later names it.
+    Steps are done by the `results` of `engine_of`. The folder is removed when all is done, unless `work.leaves` it, and
+    where an error comes before any step is done; a killed process leaves it, and an error that comes later names it.
 
     Raises:
         InputError: two equal stations; the folder is another's, or another process is at work in it.
     """
     contents = {one.file: content_of(Path(one.file)) for one, _ in found}
     check_different([one for one, _ in found], contents)
-    with _held(work.folder, _key(shared, reading)) as folder:
+    with _held(work.folder, _key(shared, reading), work.leaves) as folder:
+        label = f"detect from {len(found)} stations{', going on with what is kept' if _has_steps(folder) else ''}"
         rows = []
         for number, (one, scan) in enumerate(found):
             shelf = WorkShelf(folder, number, digest_of(one, contents[one.file], reading.unit), {})
@@ -102,8 +109,7 @@ def kept_stations(
                 shelf["read"] = scan
             rows.append(_Row(number, shelf.digest, shelf.files))
         found.clear()
-        label, is_long = f"detect from {len(rows)} stations", len(rows) >= FEW
-        with bar_of(label, STEPS * len(rows), "step", is_long=is_long) as bar:
+        with bar_of(label, STEPS * len(rows), "step", is_long=len(rows) >= FEW) as bar:
             yield KeptStations(folder, rows, (results, shared, work.keep_going, bar))
 
 
@@ -267,7 +273,7 @@ def _key(shared: Shared, reading: Reading) -> str:
 
 
 @contextlib.contextmanager
-def _held(folder: Path | None, key: str) -> Iterator[Path]:
+def _held(folder: Path | None, key: str, leaves: bool = False) -> Iterator[Path]:
     """The work folder, for this process alone; emptied where it is of another version, other settings or models."""
     if folder is None:
         with tempfile.TemporaryDirectory(prefix="jaxmm-stations-") as temporary:
@@ -284,7 +290,7 @@ def _held(folder: Path | None, key: str) -> Iterator[Path]:
         try:
             yield folder
         except (InputError, RuntimeError, KeyboardInterrupt) as error:
-            if any(folder.glob(f"[0-9]????-{'?' * 32}{SUFFIX}")):  # of a station: the prior's name is as long
+            if _has_steps(folder):
                 kept = f"what is done is kept in {folder}, from where the same command goes on"
                 kind = next(
                     one for one in (Misfit, InputError, RuntimeError, KeyboardInterrupt) if isinstance(error, one)
@@ -292,7 +298,13 @@ def _held(folder: Path | None, key: str) -> Iterator[Path]:
                 raise kind(f"{error}; {kept}" if str(error) else kept) from error
             shutil.rmtree(folder, ignore_errors=True)
             raise
-        shutil.rmtree(folder, ignore_errors=True)
+        if not leaves:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _has_steps(folder: Path) -> bool:
+    """Whether a step of a station is done in it; the prior's name is as long."""
+    return any(folder.glob(f"[0-9]????-{'?' * 32}{SUFFIX}"))
 
 
 def _empty(folder: Path) -> None:

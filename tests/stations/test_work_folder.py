@@ -131,6 +131,18 @@ def test_what_was_killed_goes_on_and_leaves_nothing_behind(site, one_by_one, mon
         assert not list(tmp_path.iterdir())
 
 
+def test_what_is_done_stays_until_the_reports_are_written(site, monkeypatch, tmp_path):
+    work = Work(folder=tmp_path / "work", leaves=True)
+    with monkeypatch.context() as patched:
+        by_hand(patched)
+        found = detect(site.model, site.scans, site.poses, settings=SETTINGS, work=work)
+        again = by_hand(patched)  # as after a kill in between
+        assert bits(detect(site.model, site.scans, site.poses, settings=SETTINGS, work=work)) == bits(found)
+        assert again == []
+    work.clear()
+    assert not list(tmp_path.iterdir())
+
+
 def test_other_settings_begin_anew(site, monkeypatch, tmp_path):
     work = Work(folder=tmp_path / "work")
     with monkeypatch.context() as patched:
