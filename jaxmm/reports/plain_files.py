@@ -65,7 +65,9 @@ def write_plain(folder: Path, detection: Detection) -> None:
     """
     write_json(folder / "report.json", to_json(detection))
     write_text(folder / "report.md", as_markdown(detection))
-    write_text(folder / "sentences.txt", "".join(f"{line}\n" for line in sentences_of(detection)))
+    doubts = (" ".join(printable(doubt).split()) for doubt in detection.doubts)
+    lines = (*(f"In doubt: {doubt}" for doubt in doubts), *sentences_of(detection))
+    write_text(folder / "sentences.txt", "".join(f"{line}\n" for line in lines))
     write_csv(folder / "mismatches.csv", mismatches_csv(detection.mismatches))
     write_csv(folder / "elements.csv", elements_csv(detection.elements))
     write_csv(folder / "deviations.csv", deviations_csv(detection.elements))

@@ -15,13 +15,14 @@ import numpy as np
 from jaxmm.formats.raw_scans import BLOCK
 from jaxmm.formats.units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height, thinned
 from jaxmm.inputs import Misfit
+from jaxmm.verdicts.placement import FAR_SHIFT
 from jaxmm.verdicts.priors import Y_UP_TO_Z_UP, Prior, distance_from, read_prior
 from jaxmm.verdicts.scan_frames import ALIKE, CLEARER, LEAST, MEANINGS, OwnScan, as_it_fits, by_sight
 from warp_scanner.buildings.model_files import Model
 
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
 ON_A_MAP, TALL_ROOM = 5000.0, 50.0  # [m] a scan so far away is on a map grid; so high, it is in a small unit
-FAR_FROM_FILE = 0.5  # [m] a given pose may be from that of the file, and nothing is said
+FAR_FROM_FILE = 0.5  # [m] from which on a given pose contradicts that of the file
 ON_GRID = "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
 EVERY = 100  # points, of which one tells the middle of all
 STOREY = 3.0  # [m] about as high as scans are
@@ -127,11 +128,15 @@ def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
 def _compared(laid: LaidScan, stated: np.ndarray | None, in_world: bool) -> LaidScan:
     """With what is to be said of a given pose that is far from the place (3,) [m] that the scan's file states.
 
-    It is in doubt where the file's took the points to where they are; else the file's may be a mere remark.
+    It is in doubt where the file's took the points to where they are, and is very far; else one of both may be a
+    little off, or the file's be a mere remark. How both are turned is not compared: scanners look around, and users
+    give them any yaw.
     """
     off = 0.0 if stated is None else float(np.linalg.norm(laid.pose[0] - stated))
-    if off <= FAR_FROM_FILE:
+    if off <= FAR_SHIFT:
         return laid
+    if off <= FAR_FROM_FILE:
+        return laid._replace(notes=(*laid.notes, f"the file's own pose is {off:.2f} m from the given one"))
     told = f"its pose as given is {off:.1f} m from the one in its file"
     return laid._replace(doubts=(*laid.doubts, told)) if in_world else laid._replace(notes=(*laid.notes, told))
 

@@ -21,6 +21,7 @@ from jaxmm.verdicts.mismatches import mismatches_of, shown_by_each
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.next_view import Stage, next_views, stand_of
 from jaxmm.verdicts.outdoors import things_not_in_model
+from jaxmm.verdicts.placement import correction_of
 from jaxmm.verdicts.priors import Prior, unasked, without_stray
 from jaxmm.verdicts.results import (
     Detection,
@@ -288,7 +289,7 @@ def _records(
         pose = _pose_of(fit.scan, prior.origin)
         records.append(ScanRecord(
             one.file, one.points, pose, one.pose_source, one.deviation, registration, changed,
-            (*one.notes, *fit.notes, *fit.open),
+            (*one.notes, *correction_of(fit, one.pose_source), *fit.notes, *fit.open),
             int(shows[number]), int(alone[number]), (*one.doubts, *fit.notes), one.taken,
         ))  # fmt: skip
     return tuple(records)

@@ -152,6 +152,21 @@ def hold(
     )  # fmt: skip
 
 
+def correction_of(placed: Placed, source: str) -> tuple[str, ...]:
+    """That a pose was far off as it was said, in words; nothing where it was not, or where it was only estimated.
+
+    Args:
+        placed: the scan where it fits.
+        source: of its pose as believed, see `results.ScanRecord`.
+    """
+    if source not in ("given", "file") or (placed.shift <= FAR_SHIFT and placed.turn <= FAR_TURN):
+        return ()
+    off = f"{placed.shift:.2f} m and {placed.turn:.1f} degrees"
+    if placed.notes:  # it may have been right
+        return (f"its pose was changed by {off}, to where the scan fits best",)
+    return (f"its pose was off by {off}: put right",)
+
+
 def _moved(scan: PosedScan, motion: np.ndarray) -> PosedScan:
     turn, shift = motion[:3, :3], motion[:3, 3]
     points = np.zeros(scan.points.shape, np.float32)

@@ -38,6 +38,16 @@ def test_all_files_are_there_and_no_others(removed, tmp_path):
     assert (tmp_path / "sentences.txt").read_text().splitlines() == list(removed.sentences)
 
 
+def test_doubts_stand_first_in_the_sentences_a_line_each(removed, tmp_path):
+    first, *others = removed.scans
+    doubted = removed._replace(scans=(first._replace(doubts=("is it of\nthis place?", "was it?")), *others))
+    write_plain(tmp_path, doubted)
+    lines = (tmp_path / "sentences.txt").read_text().splitlines()
+    doubts, sentences = lines[: len(doubted.doubts)], lines[len(doubted.doubts) :]
+    assert len(doubts) >= 2 and all(line.startswith("In doubt: ") for line in doubts)
+    assert doubts[1].endswith("was it?") and sentences == list(removed.sentences)
+
+
 def test_whatever_was_found_can_be_written(tmp_path):
     for seed in range(30):
         detection = random_detection(seed)

@@ -94,6 +94,8 @@ def test_a_given_pose_far_from_the_one_in_the_file_is_told(room, unit, in_world)
         told, silent = (laid.doubts, laid.notes) if in_world else (laid.notes, laid.doubts)
         assert ("its pose as given is 4.5 m from the one in its file" in told) == said
         assert not any("in its file" in note for note in silent)
+        a_little = "the file's own pose is 0.30 m from the given one" in laid.notes
+        assert a_little == (given is near) and not (a_little and laid.doubts)
     laid = lay(prior_of_cloud(room[1]), own_scan(plain(room[1]), far, "world"), None)
     assert not laid.notes and not laid.doubts
 

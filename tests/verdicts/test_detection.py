@@ -87,6 +87,18 @@ def _two_views():
     return scans, (prior, pairs)
 
 
+def test_a_pose_that_is_put_right_is_told_of_the_scan_and_is_no_doubt(judges):
+    scans, (prior, _) = _two_views()
+    cos, sin = np.cos(np.radians(3.0)), np.sin(np.radians(3.0))
+    turn, place = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]), scans[0].position
+    points = ((scans[0].points - place) @ turn.T + place).astype(np.float32)
+    off = scans[0]._replace(points=points, rotation=turn @ scans[0].rotation)
+    (record,) = detect_scans(prior, [named(off)], judges, DetectSettings()).scans
+    assert "its pose was off by 0.00 m and 3.0 degrees: put right" in record.notes and not record.doubted
+    (record,) = detect_scans(prior, [named(scans[0])], judges, DetectSettings()).scans
+    assert not any("its pose was" in note for note in record.notes)
+
+
 def test_nothing_is_found_where_nothing_changed_and_georeferenced_rooms_are_the_same(judges):
     scans, (prior, _) = _two_views()
     found = detect_scans(prior, [named(scans[0])], judges, DetectSettings())

@@ -14,7 +14,7 @@ from jaxmm.runs.room_scans import as_cloud, room_cases
 from jaxmm.verdicts.building_evidence import passed_by, surfaces_along
 from jaxmm.verdicts.cloud_comparison import visible
 from jaxmm.verdicts.named_scans import held_scan, laid_scan
-from jaxmm.verdicts.placement import OF_CLOUDS, FitLimits, Passed, place
+from jaxmm.verdicts.placement import OF_CLOUDS, FitLimits, Passed, correction_of, place
 from jaxmm.verdicts.priors import prior_of_building
 from jaxmm.verdicts.settings import DetectSettings
 from tests.cases.box_building import building_of, scan_of, shell_of
@@ -51,6 +51,22 @@ def test_a_scan_that_is_off_comes_back_and_one_that_is_not_stays(number):
     np.testing.assert_allclose(found.scan.position, scan.position, atol=0.03)
     assert found.turn == pytest.approx(1.0, abs=0.3) and found.overlap >= found.overlap_before
     np.testing.assert_allclose(found.scan.rotation, scan.rotation, atol=0.01)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 3.0])
+@pytest.mark.parametrize("off", [0.0, 0.2])
+def test_a_pose_that_was_far_off_is_said_to_be_put_right(off, degrees):
+    prior, scan = room(number=0)
+    found = placed(prior, moved(scan, np.array([off, 0.0, 0.0]), degrees))
+    words = f"its pose was off by {found.shift:.2f} m and {found.turn:.1f} degrees: put right"
+    assert found.shift == pytest.approx(off, abs=0.03) and found.turn == pytest.approx(degrees, abs=0.3)
+    assert not found.notes
+    for source in ("given", "file"):
+        assert correction_of(found, source) == ((words,) if off or degrees else ())
+    for source in ("estimated", "searched"):
+        assert correction_of(found, source) == ()
+    doubted = correction_of(found._replace(notes=("is it of this place?",)), "given")
+    assert len(doubted) == bool(off or degrees) and not any("right" in line for line in doubted)
 
 
 def test_poses_are_believed_when_asked_to():
