@@ -16,6 +16,7 @@ import numpy as np
 from jaxmm.inputs import InputError
 
 LOCK = ".lock"  # of a folder that one process at a time may fill
+UNFINISHED = ".unfinished"  # how names of folders end that are being filled
 MANIFEST = "manifest.json"  # of a data set: which shards it has
 
 
@@ -69,6 +70,7 @@ def write_folder(path: Path, write: Callable[[Path], Any]) -> None:
     """Let `write` fill a temporary folder, then put that, or what it holds, in place: all files are whole before.
 
     An empty folder that is there stays and is filled: somebody may stand in it, link to it, or have mounted it.
+    Temporary folders that killed processes left of the same are removed.
 
     Raises:
         OSError: it cannot be written.
@@ -76,17 +78,39 @@ def write_folder(path: Path, write: Callable[[Path], Any]) -> None:
     path = path.resolve()
     there = path.exists()
     path.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path if there else path.parent))
+    _clear_unfinished(path)
+    work = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=UNFINISHED, dir=path if there else path.parent))
     try:
-        write(work)
-        if there:
-            for file in sorted(work.iterdir()):
-                file.rename(path / file.name)
-        else:
-            work.chmod(0o755)
-            work.rename(path)
+        with _locked(work):
+            write(work)
+            if there:
+                for file in sorted(work.iterdir()):
+                    file.rename(path / file.name)
+            else:
+                work.chmod(0o755)
+                work.rename(path)
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def _clear_unfinished(path: Path) -> None:
+    """Remove the temporary folders of `write_folder` that nobody fills any more."""
+    for place in (path.parent, path):
+        for left in place.iterdir() if place.is_dir() else ():
+            if left.name.startswith(f".{path.name}.") and left.name.endswith(UNFINISHED) and left.is_dir():
+                with contextlib.suppress(OSError), _locked(left):
+                    shutil.rmtree(left, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """A folder, locked until this process ends or is done with it; BlockingIOError if another process has it."""
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(number)
 
 
 @contextlib.contextmanager
@@ -159,6 +183,8 @@ def check_empty(path: Path, option: str) -> None:
     Raises:
         InputError: it is a file, or not empty.
     """
+    if path.is_dir():
+        _clear_unfinished(path.resolve())
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise InputError(f"{option}: expected a new or an empty folder, {path} holds something; choose another")
 

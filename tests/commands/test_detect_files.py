@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxmm import detect
 from jaxmm.commands import detect_files
-from jaxmm.files import load_json, write_folder
+from jaxmm.files import _clear_unfinished, check_empty, load_json, write_folder
 from jaxmm.formats.poses import OPTICAL, GivenPose, parse_pose, read_poses
 from jaxmm.ifc.update import write_update
 from jaxmm.inputs import InputError
@@ -180,6 +180,27 @@ def test_reports_go_to_any_empty_folder(tmp_path, monkeypatch, place):
     assert sorted(path.name for path in out.iterdir()) == ["a", "b"]
     assert before in (None, real.stat().st_ino)
     assert not [path for path in tmp_path.rglob("*") if path.name.startswith(".")]
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_what_a_killed_process_left_is_removed_and_what_is_being_filled_is_not(tmp_path, there):
+    out = tmp_path / "out"
+    left = (out if there else tmp_path) / ".out.0abc123_.unfinished"
+    others = [tmp_path / name for name in (".other.0abc123_.unfinished", ".out.stations")]
+    for folder in (left, *others):
+        folder.mkdir(parents=True)
+    (left / "plan.png").write_bytes(b"half")
+
+    def write(work):
+        write_folder(tmp_path / "out 2", lambda second: None)
+        _clear_unfinished(out)  # as another process does meanwhile
+        assert work.is_dir() and not left.exists()
+        (work / "a").write_text("a")
+
+    check_empty(out, "--out")
+    write_folder(out, write)
+    assert [path.name for path in out.iterdir()] == ["a"]
+    assert sorted(tmp_path.iterdir()) == sorted([out, tmp_path / "out 2", *others])
 
 
 def test_a_folder_that_cannot_be_filled_stays_as_it_was(room, tmp_path, monkeypatch):
