@@ -84,7 +84,8 @@ def open_model(path: Path) -> tuple[Any, tuple[str, ...]]:
         if not entity.GlobalId:
             entity.GlobalId = identity_of(entity)  # the library's shape iterator never ends at one without
     mended = sum(_mend(product) for product in model.by_type("IfcProduct"))
-    return model, (f"{mended} objects had `*` where the schema wants `$`; read as empty",) if mended else ()
+    told = f"{mended} elements of the file mark an empty value by *, where IFC has $: nothing is lost by it"
+    return model, (told,) if mended else ()
 
 
 def _mend(product: Any) -> bool:
