@@ -141,7 +141,8 @@ def summary_of(elements: Iterable[ElementVerdict]) -> str:
     off = np.array([one.deviation.most for one in told if math.isfinite(one.deviation.most)])
     if not len(off):
         return ""
-    half, most = (millimetres(float(np.quantile(off, share))) for share in (0.5, 0.95))
+    # Values that were measured: what lies between two of them, of few, holds less than the share that is told.
+    half, most = (millimetres(float(np.quantile(off, share, method="inverted_cdf"))) for share in (0.5, 0.95))
     were, stand = ("was", "stands") if len(told) == 1 else ("were", "stand")
     return (
         f"{len(told)} of {count} elements {were} measured: half of them {stand} within {half} mm of their places, 95 % "

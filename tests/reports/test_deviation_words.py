@@ -115,6 +115,12 @@ def test_the_worst_comes_first_by_what_is_sure():
     assert "5 of 6 elements were measured" in summary_of(ones) and summary_of(ones[4:5]) == ""
 
 
+@pytest.mark.parametrize("zeros, half, most", [(7, 0, 80), (19, 0, 0), (18, 0, 80), (1, 0, 80), (0, 80, 80)])
+def test_the_shares_told_hold_of_what_was_measured(zeros, half, most):
+    told = summary_of([*(element(deviation(0.0), verdict="present") for _ in range(zeros)), element(deviation(0.08))])
+    assert f"within {half} mm of their places, 95 % within {most} mm." in told
+
+
 def test_every_report_tells_what_is_displaced(removed):
     told = with_displaced(removed)
     words = "The wall 'W-102' stands 23 mm (21 to 25) to the east of its place."
