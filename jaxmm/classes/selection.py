@@ -14,6 +14,7 @@ from warp_scanner.scenes.scenes import DOOR, FLOOR, PILLAR, WALL, WINDOW
 ALL = "all"
 # Our names of classes, and what the scanner calls them: meshes have these, too. Adding one: docs/how-to-add.md.
 CLASSES = {"wall": WALL, "column": PILLAR, "door": DOOR, "window": WINDOW, "slab": FLOOR}
+USUAL = ("wall", "column")  # that get a verdict where nobody says which
 
 
 def check_classes(names: Sequence[str]) -> None:

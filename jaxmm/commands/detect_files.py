@@ -87,6 +87,8 @@ def detect(
     sources, alone = [one for one, _ in found], len(found) == 1 and work.engine == "local"
     with contextlib.nullcontext() if alone else engine_of(work, len(found)) as results:
         read = _prior_for(files_of_prior, found, reading)
+        if read.building is not None:
+            settings.check_asked(read.building)
         loaded = time.perf_counter() - start
         try:
             if alone:

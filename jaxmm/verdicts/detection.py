@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 
+from jaxmm.classes.lacking import lacking_notes
 from jaxmm.classes.telling_rays import Telling
 from jaxmm.deviations.deviation import Faces
 from jaxmm.learning.element_boxes import boxes_of
@@ -84,7 +85,8 @@ def detect_stations(prior: Prior, stations: Stations, settings: DetectSettings) 
     beyond_thesis, watch = settings.preset != "thesis", _Watch()
     asked = settings.asked(prior.building.elements) if prior.has_elements else np.zeros(0, bool)
     if prior.has_elements:
-        prior = prior._replace(notes=(*prior.notes, *unasked(prior.building, asked)))
+        said = lacking_notes(settings.classes, prior.building) + unasked(prior.building, asked)
+        prior = prior._replace(notes=(*prior.notes, *said))
     if settings.settle and beyond_thesis:
         prior = without_stray(prior)
     together = prior.has_elements and beyond_thesis and settings.refine and len(stations.kept(len)) > 1

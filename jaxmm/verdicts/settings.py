@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxmm.classes.selection import check_classes, chosen, is_chosen
+from jaxmm.classes.lacking import check_asked
+from jaxmm.classes.selection import USUAL, check_classes, chosen, is_chosen
 from jaxmm.classes.unexplained import UnexplainedSettings
 from jaxmm.config import bounded, build, one_of, read_toml
 from jaxmm.deviations.tolerances import DeviationSettings
@@ -14,7 +15,7 @@ from jaxmm.learning.boxes import BoxSettings
 from jaxmm.objects.finder import ObjectSettings
 from jaxmm.verdicts.placement import OF_CLOUDS, FitLimits
 from jaxmm.verdicts.verdicts import VerdictSettings
-from warp_scanner.scenes.building import Elements
+from warp_scanner.scenes.building import Building, Elements
 
 PRESETS = ("default", "thesis")
 
@@ -25,7 +26,7 @@ class DetectSettings:
 
     preset: str = one_of("default", *PRESETS)  # thesis: its boxes of whatever its four models yield, `objects` unused
     least_probability: float = bounded(0.5, 0.0, 1.0)  # of a mismatch, to be reported
-    classes: tuple[str, ...] = ("wall", "column")  # whose elements get a verdict: all, ours, or of IFC
+    classes: tuple[str, ...] = USUAL  # whose elements get a verdict: all, ours, or of IFC
     settle: bool = True  # of scans whose ranges err; the thesis's preset takes every scan as it is
     mirrors: bool = True  # leaves out what mirrors and panes show of the room in front; the thesis's preset never does
     refine: bool = True  # registers every scan before anything is concluded from it
@@ -50,6 +51,14 @@ class DetectSettings:
     def asks_for(self, ifc_class: str, semantic: int) -> bool:
         """Whether elements of a class of IFC, and of what the scanner calls it, get a verdict."""
         return is_chosen(self.classes, ifc_class, semantic)
+
+    def check_asked(self, building: Building) -> None:
+        """Refuse to look for what a building has no element of.
+
+        Raises:
+            InputError: no class that was asked for has any; the usual ones nobody has to ask for.
+        """
+        check_asked(self.classes, building)
 
     def as_json(self) -> dict[str, Any]:
         """All that had a say, by name."""

@@ -17,6 +17,7 @@ from jaxmm.weeks.reports import Key, Listed, Offset, Week, labels_of
 BUILT, OFF, GONE, ABSENT, UNKNOWN = "built", "displaced", "removed", "not built", "not seen"
 STATES = (BUILT, OFF, ABSENT, GONE, UNKNOWN)
 STANDING = (BUILT, OFF)
+FIRST_SEEN = "first seen to stand"  # in place of built, where no week before saw that it was not there
 STATE_WORDS = {
     BUILT: "It was seen in its place.",
     OFF: "It was seen, off its place by more than its tolerance and than the measurement leaves open.",
@@ -62,6 +63,17 @@ class Followed(NamedTuple):
         """Week, state before and state after, of every change of state."""
         states = [UNKNOWN, *(one.state for one in self.moments)]
         return [(week, a, b) for week, (a, b) in enumerate(itertools.pairwise(states)) if a != b]
+
+    @property
+    def told_changes(self) -> list[tuple[int, str, str]]:
+        """The same in words: what nobody saw before was not built in that week as far as anybody knows."""
+        return [(week, a, _became(a, b)) for week, a, b in self.changes]
+
+
+def _became(before: str, after: str) -> str:
+    if before != UNKNOWN or after not in STANDING:
+        return after
+    return FIRST_SEEN if after == BUILT else f"{FIRST_SEEN}, {after}"
 
 
 class Progress(NamedTuple):

@@ -79,6 +79,7 @@ def _element(one: Followed, progress: Progress) -> dict[str, Any]:
         "guid": printable(one.latest.guid), "name": printable(one.latest.name),
         "class": printable(one.latest.ifc_class), "storey": printable(storey_of(one)),
         "states": [STATES.index(moment.state) for moment in one.moments],
+        "became": {week: became for week, _, became in one.told_changes},
         "told": "".join(str(int(moment.told)) for moment in one.moments),
         "model": "".join(str(int(moment.in_model)) for moment in one.moments),
         "off": [_millimetres(moment) for moment in one.moments],

@@ -180,7 +180,7 @@ def _write_workbook(path: Path, progress: Progress, shares: list[Share]) -> bool
         [labels[week], before, after, one.latest.ifc_class, one.latest.storey, one.latest.name, one.latest.guid]
         for week in range(len(labels))
         for one in progress.elements
-        for when, before, after in one.changes
+        for when, before, after in one.told_changes
         if when == week
     ]
     add_sheet(book, "Changes", ("week", "was", "is", "class", "storey", "name", "GlobalId"), changes)

@@ -186,6 +186,7 @@ def test_a_preset_of_the_settings_counts_unless_another_is_given(files, tmp_path
         pytest.param({"--sensor": "eye"}, ["eye"], id="an unknown sensor"),
         pytest.param({"--settings": "none.toml"}, ["none.toml"], id="no settings"),
         pytest.param({"--classes": "wall,roof"}, ["got roof", "wall"], id="an unknown class"),
+        pytest.param({"--classes": "IfcBeam"}, ["--classes", "no element of the class IfcBeam"], id="no such element"),
         pytest.param({"--model": "none.safetensors"}, ["none.safetensors"], id="no model"),
         pytest.param({"--unit": "-1"}, ["--unit", "above 0"], id="a negative unit"),
         pytest.param({"--prior-unit": "0.001"}, ["--prior-unit", "IFC"], id="a unit for IFC"),

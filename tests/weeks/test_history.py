@@ -44,6 +44,23 @@ def test_when(four, name, first, not_before, last, removed, displaced, since):
     assert found == (first, not_before, last, removed, displaced, since)
 
 
+def test_built_is_told_only_where_a_week_before_saw_that_it_was_not_there(four):
+    told = {name: one.told_changes for name, one in by_name(four).items()}
+    assert told["A1"] == told["A2"] == [(0, "not seen", "first seen to stand")]
+    assert told["B1"] == [(1, "not seen", "not built"), (2, "not built", "built")]
+    assert told["B2"][1:] == [(2, "not built", "displaced")]
+    for name, one in by_name(four).items():
+        new = [becomes for _, _, becomes in told[name] if becomes == "built"]
+        assert bool(new) == (one.first_seen is not None and one.not_before is not None and name != "B2"), name
+
+
+def test_what_is_first_seen_off_its_place_is_told_so(tmp_path):
+    seen = {"A1": "uudd", "A2": "uuup"}
+    one, two = follow(read_weeks(write_reports(tmp_path, [report(week, seen) for week in range(4)]))).elements
+    assert one.told_changes == [(2, "not seen", "first seen to stand, displaced")]
+    assert two.told_changes == [(3, "not seen", "first seen to stand")]
+
+
 def test_only_what_moved_beyond_both_intervals_moved(four):
     assert by_name(four)["B2"].moved == (pytest.approx(0.029), 2, 3)
     assert by_name(four)["A1"].moved is None  # 1 mm within 4

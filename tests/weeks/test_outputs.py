@@ -100,6 +100,8 @@ def test_the_workbook_holds_four_tables(out):
     assert len(sheets["Elements"]) == 1 + len(SEEN)
     changes = {(row[0], row[5]): row[1:3] for row in sheets["Changes"][1:]}
     assert changes[DATES[3], "A3"] == ("built", "removed") and (DATES[3], "A1") not in changes
+    assert changes[DATES[0], "A1"] == ("not seen", "first seen to stand")
+    assert changes[DATES[1], "A3"] == ("not built", "built")
     (two,) = [row for row in sheets["Offsets"] if row[2] == "B2" and row[4] == DATES[3]]
     assert two[5:8] == (61, 57, 65) and two[8:11] == (None,) * 3
 

@@ -59,6 +59,13 @@ def test_the_slider_shows_every_week(driver, tmp_path):
             assert shapes[name][1] == STATES[name][week].replace(" ", "-")
             assert ("kept" in shapes[name]) == (SEEN[name][week] in "ou")
     assert "A3 Wall, Ground floor: removed, was built" in text("changes")
+    for week, words in (
+        (0, "A1 Wall, Ground floor: first seen to stand"),
+        (1, "A3 Wall, Ground floor: built, was not"),
+    ):
+        driver.execute_script(GO, week)
+        assert words in text("changes") and ("built" in text("changes").replace("not built", "")) == (week > 0)
+    driver.execute_script(GO, 3)
     driver.execute_script("document.querySelectorAll('#storeys button')[1].click()")
     assert {name for name, *_ in driver.execute_script(SHAPES)} == {"B1", "B2", "B3", "B4"}
     driver.execute_script(

@@ -193,7 +193,7 @@ function showChanges() {
     const found = changedIn(one, now);
     if (!found) return;
     const item = make("li");
-    item.append(linkTo(row), ` ${one.class.replace(/^Ifc/, "")}${one.storey ? `, ${one.storey}` : ""}: ${found[1]}${found[0] === "not seen" ? "" : `, was ${found[0]}`}`);
+    item.append(linkTo(row), ` ${one.class.replace(/^Ifc/, "")}${one.storey ? `, ${one.storey}` : ""}: ${one.became[now]}${found[0] === "not seen" ? "" : `, was ${found[0]}`}`);
     items.push(item);
   });
   const most = 200, more = items.length - most;
