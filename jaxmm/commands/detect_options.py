@@ -115,6 +115,18 @@ def detect(options: argparse.Namespace) -> None:
         _detect(options)
 
 
+def _classes(words: list[str]) -> list[str]:
+    """The classes that the values of --classes name."""
+    from jaxmm.verdicts.settings import DetectSettings
+
+    names = [name.strip() for word in words for name in word.split(",")]
+    try:
+        DetectSettings(classes=tuple(names))
+    except ValueError as error:  # its words begin with the name of the setting, which is that of the option
+        raise InputError(f"--{error}") from error
+    return names
+
+
 def _detect(options: argparse.Namespace) -> None:
     from jaxmm.formats.poses import read_poses  # SciPy, and the sensor's Warp, load while the model is read
 
@@ -130,7 +142,7 @@ def _detect(options: argparse.Namespace) -> None:
     if options.no_refine:
         given["refine"] = False
     if options.classes:
-        given["classes"] = [name.strip() for names in options.classes for name in names.split(",")]
+        given["classes"] = _classes(options.classes)
     settings, reading, work = load_settings(options.settings, **given), _reading(options, sensor), _work(options)
     with drawing_beside():
         # Not before: a process with threads is not split.

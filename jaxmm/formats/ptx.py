@@ -19,6 +19,7 @@ from jaxmm.formats.text import rows
 from jaxmm.formats.text_header import LONGEST_LINE
 from jaxmm.inputs import InputError
 
+AXES = (0, 1, 2)  # columns of x, y and z
 LEAST_LINE = 6  # [bytes] of 0 0 0 and its end
 RIGHT_ANGLES = 1e-3  # by which the product of a rotation with its transpose may be off the identity
 SAME_PLACE = 0.01  # of the file's unit: positions in one header that are nearer to each other are one
@@ -113,14 +114,37 @@ def _scan(path: Path, file: TextIO, header: _Header, first: int, number: int) ->
 
 
 def _rays(path: Path, file: TextIO, count: int, first: int, number: int) -> Iterator[np.ndarray]:
+    last = ""
+
+    def lines() -> Iterator[str]:
+        nonlocal last
+        for line in file:
+            last = line
+            yield line
+
     try:
-        yield from rows(file, count, usecols=(0, 1, 2))
+        yield from rows(lines(), count, usecols=AXES)
     except UnicodeDecodeError:
         raise
     except ValueError as error:
+        if _is_cut(last):
+            raise InputError(
+                f"{path}: truncated: expected {count} rays of scan {number} as its header promises, the file ends "
+                f"inside a line: {last[:80]!r}"
+            ) from error
         raise InputError(
             f"{path}: scan {number}: expected {count} lines of x y z and more from line {first} on: {error}"
         ) from error
+
+
+def _is_cut(line: str) -> bool:
+    """Whether a file ends within this line of a ray: it has no end, and does not hold all numbers."""
+    if line.endswith("\n"):
+        return False
+    try:
+        return not list(rows([line], usecols=AXES))
+    except ValueError:
+        return True
 
 
 def _placed(points: np.ndarray, header: _Header, number: int) -> RawScan:

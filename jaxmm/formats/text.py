@@ -24,10 +24,13 @@ from jaxmm.formats.text_header import (
     encoding_of,
     fields_of,
     is_count,
+    missing_axis,
     named_axes,
     start_of,
 )
 from jaxmm.inputs import InputError, one_line
+
+DECIMAL_POINT = "expected numbers with a decimal point, got decimal commas"
 
 
 def rows(
@@ -81,6 +84,8 @@ def _read(path: Path, encoding: str) -> list[RawScan]:
             if columns is None:
                 raise InputError(f"{path}: expected columns X, Y and Z once each, got {', '.join(names)[:200]}")
             commas = _has_decimal_commas(start.row, delimiter, columns)
+            if commas and delimiter == ",":  # within quotes
+                raise InputError(f"{path}: {DECIMAL_POINT}: {start.row.strip()[:80]}")
             _check_first(path, start.row.replace(",", ".") if commas else start.row, delimiter, names or None)
             lines = filter(str.strip, itertools.chain([start.row], file))  # empty lines do not count
             if commas:
@@ -95,11 +100,9 @@ def _read(path: Path, encoding: str) -> list[RawScan]:
 
 
 def _has_decimal_commas(row: str, delimiter: str | None, columns: list[int]) -> bool:
-    """Whether a coordinate of a row has one, where commas do not split the columns."""
+    """Whether a coordinate of a row has one; where commas split the columns, it can have one within quotes only."""
     fields = fields_of(row, delimiter)
-    if delimiter == "," or len(fields) <= max(columns):
-        return False
-    return any(DECIMAL_COMMA.fullmatch(fields[column]) for column in columns)
+    return len(fields) > max(columns) and any(DECIMAL_COMMA.fullmatch(fields[column]) for column in columns)
 
 
 def _clouds(path: Path, lines: Iterator[str], count: int, **how: object) -> Iterator[RawScan]:
@@ -134,11 +137,12 @@ def _check_first(path: Path, line: str, delimiter: str | None, names: list[str] 
     fields = fields_of(line, delimiter)
     words = line.split()
     if names is None and len(words) > 1 and all(DECIMAL_COMMA.fullmatch(word.rstrip(",")) for word in words):
-        raise InputError(f"{path}: expected numbers with a decimal point, got decimal commas: {line.strip()[:80]}")
+        raise InputError(f"{path}: {DECIMAL_POINT}: {line.strip()[:80]}")
     if names is None:
         if len(fields) < 3 or not all(map(_is_number, fields[:3])):
-            found = ", ".join(field.lower() for field in fields)
-            raise InputError(f"{path}: expected columns X, Y and Z, got {found[:200] or 'none'}")
+            found, missing = ", ".join(fields), missing_axis(fields)
+            told = f": {missing} is missing" if missing else ""
+            raise InputError(f"{path}: expected columns X, Y and Z, got {found[:200] or 'none'}{told}")
         return
     wanted = len(names) - (names[-1:] == [""])  # a line may end in a delimiter
     found = len(fields) - (len(fields) > wanted and fields[-1] == "")

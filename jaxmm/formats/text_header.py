@@ -104,6 +104,13 @@ def named_axes(names: list[str], once: bool = True) -> list[int] | None:
     return None
 
 
+def missing_axis(names: list[str]) -> str:
+    """Which of X, Y and Z is not among the names of columns, where the other two are; empty where no one alone is."""
+    plain = {_plain(name) for name in names}
+    lost = ([axis for axis, name in zip("XYZ", axes, strict=True) if name not in plain] for axes in NAMES)
+    return next((axis for axis, *others in filter(None, lost) if not others), "")
+
+
 def is_count(line: str) -> bool:
     """Whether a line holds a number of points and nothing else."""
     bare = line.strip()

@@ -106,7 +106,10 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
     else:
         camera = sensor or OAK_D_PRO
         if not isinstance(camera, Pinhole):
-            raise InputError("only the viewpoint of a camera can be estimated from its points; give it with --pose")
+            raise InputError(
+                "only the viewpoint of a camera can be estimated from its points; give it with --pose, or have the "
+                "place searched that the scan fits (--pose search)"
+            )
         viewpoint, by = _viewpoint(prior, thin, camera)
         view = f"{camera.horizontal_fov:g} x {camera.vertical_fov:g} degrees"
         notes.append(f"its pose is estimated{by}, for a camera that sees {view}")

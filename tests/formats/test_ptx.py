@@ -144,6 +144,22 @@ def test_damage_is_told_with_its_line(tmp_path, before, after, why):
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.parametrize("left", ["1.5", "1.5 -", "1.5 2.5", "1.5 2.5 -", "1.5 2.5 3e"])
+@pytest.mark.parametrize("whole", [30, 59])
+def test_a_file_that_ends_inside_a_line_is_truncated(tmp_path, whole, left):
+    lines = ptx(rays(), end=" 0.5").splitlines(keepends=True)
+    (tmp_path / "a.ptx").write_text("".join(lines[: 10 + whole]) + left)
+    with pytest.raises(InputError, match=r"truncated: expected 60 rays.*ends inside a line: '1.5"):
+        read_scans(tmp_path / "a.ptx")
+
+
+def test_damage_of_a_file_without_a_last_line_end_is_no_cut(tmp_path):
+    made = ptx(rays(), end=" 0.5").rstrip("\n").replace("0 0 0 0.5", "0 0 a 0.5", 1)
+    (tmp_path / "a.ptx").write_text(made)
+    with pytest.raises(InputError, match="expected 60 lines of x y z"):
+        read_scans(tmp_path / "a.ptx")
+
+
 POINTS = np.round(RNG.uniform([-5, -4, 0], [5, 4, 3], (30, 3)), 4)
 
 
