@@ -8,7 +8,7 @@ from warp_scanner.scenes.building import Building
 
 
 def without_elements(names: Sequence[str], building: Building) -> list[str]:
-    """Those of some names, from `check_classes`, of which no element of a building has a shape; wholes and twins count."""
+    """Those of some names, from `check_classes`, of which no element has a shape; wholes and twins count."""
     table = building.elements
     twins = {(one.ifc_class, one.semantic) for same in table.twins for one in same}
     wholes = {one.ifc_class for one in building.wholes if not set(one.parts).isdisjoint(table.guid)}
