@@ -180,6 +180,8 @@ def check_writable(path: Path, option: str) -> None:
 def check_empty(path: Path, option: str) -> None:
     """Refuse a folder that holds something: nothing of the user's is overwritten.
 
+    What a killed process left half-written in it by `write_folder` is none of theirs, and is removed.
+
     Raises:
         InputError: it is a file, or not empty.
     """

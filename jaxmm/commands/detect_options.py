@@ -180,7 +180,8 @@ def _work(options: argparse.Namespace):
     from jaxmm.stations.work_folder import Work
 
     out = options.out.resolve()
-    return Work(options.engine, options.workers, out.with_name(f".{out.name}.stations"), options.keep_going, True)
+    folder = out.with_name(f".{out.name}.stations")
+    return Work(options.engine, options.workers, folder, options.keep_going, leaves=True)
 
 
 def _sensor(asked: str | None):
