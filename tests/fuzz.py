@@ -22,6 +22,7 @@ import numpy as np
 from tests.cases.damage import damaged
 from tests.cases.valid_beside import FOLDERS, POSES
 from tests.cases.valid_files import MODELS, PRIORS, SCANS, ValidFile
+from tests.cases.valid_inside import INSIDE
 from warp_scanner.cores import core_count
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,13 +30,13 @@ SECONDS = 20  # of computing, after which a reader hangs
 MEMORY = 1 << 30  # bytes of address space beyond what a process has when all is imported
 SWELLING = 256 << 20  # bytes of memory in use, by which a file of kilobytes must not raise the process
 Case = tuple[str, int]  # reader and number
-VALID = SCANS | FOLDERS | POSES | PRIORS | MODELS
+VALID = SCANS | INSIDE | FOLDERS | POSES | PRIORS | MODELS
 GUARDED = ("ifc2x3", "ifc4", "ifczip")  # in a process of their own, which takes half a second to start: here without
 
 
 def reader_of(name: str, guarded: bool) -> Callable[[Path], None]:
     """Reads a file and checks that what is accepted is as promised."""
-    if name in SCANS or name in FOLDERS:
+    if name in SCANS or name in INSIDE or name in FOLDERS:
         from jaxmm.formats.readers import read_scans
 
         def read(path: Path) -> None:

@@ -6,13 +6,16 @@ import pytest
 from tests.cases.damage import damaged
 from tests.cases.valid_beside import FOLDERS, POSES
 from tests.cases.valid_files import MODELS, PRIORS, SCANS, crc32c
+from tests.cases.valid_inside import INSIDE
 from tests.fuzz import run
 
 COUNT = 200
 LIBRARIES = {"bag": "rosbags", "pcd": "pypcd4", "e57": "pye57", "las": "laspy", "laz": "lazrs", "ifc": "ifcopenshell"}
 
 
-@pytest.mark.parametrize("names", [SCANS, FOLDERS | POSES, PRIORS, MODELS], ids=["scans", "beside", "priors", "models"])
+@pytest.mark.parametrize(
+    "names", [SCANS, INSIDE, FOLDERS | POSES, PRIORS, MODELS], ids=["scans", "inside", "beside", "priors", "models"]
+)
 def test_damaged_files_are_read_or_refused_in_one_line(names):
     for name in names:
         if library := LIBRARIES.get(name[:3]):

@@ -21,6 +21,7 @@ class Blocks(NamedTuple):
 
     count: int  # N
     make: Callable[[int, int], np.ndarray]  # number of the block, n -> (n, 3) float64 [m]
+    viewpoint: tuple[float, ...] = (0.0, 0.0, 0.0)  # [m] of the sensor, where a PCD file tells it
 
     def __iter__(self) -> Iterator[np.ndarray]:
         for number, first in enumerate(range(0, self.count, BLOCK)):
@@ -36,16 +37,17 @@ def _write_ply(path: Path, blocks: Blocks) -> None:
             block.astype("<f8").tofile(file)
 
 
-def _pcd_header(count: int, data: str) -> bytes:
+def _pcd_header(blocks: Blocks, data: str) -> bytes:
+    place = " ".join(f"{value:.6f}" for value in blocks.viewpoint)
     return (
         "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
-        f"WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA {data}\n"
+        f"WIDTH {blocks.count}\nHEIGHT 1\nVIEWPOINT {place} 1 0 0 0\nPOINTS {blocks.count}\nDATA {data}\n"
     ).encode()
 
 
 def _write_pcd(path: Path, blocks: Blocks) -> None:
     with open(path, "wb") as file:
-        file.write(_pcd_header(blocks.count, "binary"))
+        file.write(_pcd_header(blocks, "binary"))
         for block in blocks:
             block.astype("<f4").tofile(file)
 
@@ -61,7 +63,7 @@ def _write_packed_pcd(path: Path, blocks: Blocks) -> None:
         first += len(block)
     lump = lzf.compress(axes.tobytes(), axes.nbytes + axes.nbytes // 16)  # noise may not pack at all
     with open(path, "wb") as file:
-        file.write(_pcd_header(blocks.count, "binary_compressed") + struct.pack("<II", len(lump), axes.nbytes))
+        file.write(_pcd_header(blocks, "binary_compressed") + struct.pack("<II", len(lump), axes.nbytes))
         file.write(lump)
 
 

@@ -1,12 +1,14 @@
 """Scans as NumPy arrays: NPY and NPZ with points, NPZ with the rays of `jaxmm scan`; nothing is ever unpickled."""
 
+import math
 import zipfile
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import BLOCK, RawScan, axes_of, check_swelling, filled
+from jaxmm.formats.raw_scans import BLOCK, GrowingPoints, RawScan, axes_of, check_swelling, filled, to_world
 from jaxmm.inputs import InputError
 
 LEAST_ACROSS = 20  # columns of three rows, from which on these are no three points
@@ -22,17 +24,9 @@ def read_npy(path: Path) -> list[RawScan]:
             promises.
     """
     with path.open("rb") as file:
-        _header(path, file, "the array")
-        array = np.lib.format.open_memmap(path, mode="r")  # checks the size that is promised, and admits no objects
-        columns = _columns(path, array)
-        if array.dtype.names is not None or not array.flags.c_contiguous:
-            return [RawScan(np.array(columns, np.float64))]
-        width = array.shape[-1]
-        rows = (  # read, not mapped: pages of a file that are looked at count as memory
-            np.fromfile(file, columns.dtype, width * BLOCK).reshape(-1, width)[:, :3]
-            for _ in range(0, len(columns), BLOCK)
-        )
-        return [RawScan(filled(path, len(columns), rows))]
+        shape, by_column, kind = _header(path, file, "the array")
+        _check_size(path, "the array", shape, kind, path.stat().st_size - file.tell())
+        return [RawScan(_points(path, file, shape, by_column, kind))]
 
 
 def read_npz(path: Path) -> list[RawScan]:
@@ -45,51 +39,83 @@ def read_npz(path: Path) -> list[RawScan]:
         check_swelling(path, sum(entry.file_size for entry in archive.infolist()))
         held = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
         for name in (RAYS | {*POINTS}) & held.keys():
-            _check_array(path, archive, name, held[name])
-    with np.load(path, allow_pickle=False) as arrays:
-        if held.keys() >= RAYS:
-            return [_returns(path, arrays)]
+            with archive.open(f"{name}.npy") as file:
+                shape, _, kind = _header(path, file, name)
+            _check_size(path, name, shape, kind, held[name])
         name = next((name for name in POINTS if name in held), None)
-        if name is None:
-            wanted = "an array points, or rays as `jaxmm scan` writes them"
-            raise InputError(f"{path}: expected {wanted}, got {', '.join(sorted(held))[:200] or 'nothing'}")
-        return [RawScan(_columns(path, arrays[name]))]
+        if name is not None and not held.keys() >= RAYS:
+            with archive.open(f"{name}.npy") as file:
+                return [RawScan(_points(path, file, *_header(path, file, name)))]
+    if held.keys() >= RAYS:
+        with np.load(path, allow_pickle=False) as arrays:
+            return [_returns(path, arrays)]
+    wanted = "an array points, or rays as `jaxmm scan` writes them"
+    raise InputError(f"{path}: expected {wanted}, got {', '.join(sorted(held))[:200] or 'nothing'}")
 
 
-def _columns(path: Path, array: np.ndarray) -> np.ndarray:
-    """(N, 3) of an array with the columns x, y and z, or with fields of these names."""
-    if array.dtype.names is not None:
-        names = array.dtype.names
-        axes = axes_of(names)
-        if axes is None or any(array.dtype[axis].kind not in "iuf" for axis in axes):
-            raise InputError(f"{path}: expected fields x, y and z of numbers once each, got {', '.join(names)[:200]}")
-        return np.column_stack([array[names[axis]].ravel().astype(np.float64) for axis in axes])
-    if array.ndim == 3 and array.shape[2] >= 3:  # as an image has them, rows and columns
-        array = array.reshape(-1, array.shape[2])
-    across = array.ndim == 2 and array.shape[0] == 3 < LEAST_ACROSS <= array.shape[1]  # a row for each axis
-    if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] < 3 or across:
-        raise InputError(f"{path}: expected points (N, 3) of numbers, got {str(array.dtype)[:80]} {array.shape}")
-    return array[:, :3]
+def _points(path: Path, file: IO[bytes], shape: tuple[int, ...], by_column: bool, kind: np.dtype) -> np.ndarray:
+    """(N, 3) float64 of an array that comes next in a file: its first three columns, or its fields x, y and z.
+
+    Read in blocks: as a whole it may be several times as large.
+    """
+    axes = _axes(path, shape, kind)
+    if kind.names is not None:
+        return filled(path, math.prod(shape), _blocks(file, math.prod(shape), kind, 1, axes))
+    if by_column and len(shape) == 2:  # all x come first
+        points = np.zeros((shape[0], 3))
+        for axis in range(3):
+            points[:, axis] = filled(path, shape[0], _blocks(file, shape[0], kind, 1, [0]))
+        return points
+    if by_column:
+        array = np.frombuffer(file.read(math.prod(shape) * kind.itemsize), kind).reshape(shape, order="F")
+        return np.array(array[..., :3].reshape(-1, 3), np.float64)
+    count = math.prod(shape[:-1])
+    return filled(path, count, _blocks(file, count, kind, shape[-1], axes))
 
 
-def _check_array(path: Path, archive: zipfile.ZipFile, name: str, size: int) -> None:
-    """Refuse an array that promises more than the archive holds, before NumPy takes the memory for it."""
-    with archive.open(f"{name}.npy") as file:
-        shape, kind = _header(path, file, name)
+def _blocks(file: IO[bytes], count: int, kind: np.dtype, width: int, axes: Sequence[int]) -> Iterator[np.ndarray]:
+    """Blocks (n, axes) float64 of so many rows of `width` numbers, or of one record."""
+    row = width * kind.itemsize
+    for start in range(0, count, BLOCK):
+        data = file.read(row * min(BLOCK, count - start))
+        table = np.frombuffer(data, kind, len(data) // row * width)
+        if kind.names is not None:
+            yield np.column_stack([table[kind.names[axis]].astype(np.float64) for axis in axes])
+        else:
+            yield table.reshape(-1, width)[:, axes].astype(np.float64)
+
+
+def _axes(path: Path, shape: tuple[int, ...], kind: np.dtype) -> list[int]:
+    """Which columns or fields of an array are x, y and z."""
+    if kind.names is not None:
+        axes = axes_of(kind.names)
+        if axes is None or any(kind[axis].kind not in "iuf" for axis in axes):
+            told = ", ".join(kind.names)[:200]
+            raise InputError(f"{path}: expected fields x, y and z of numbers once each, got {told}")
+        return axes
+    across = len(shape) == 2 and shape[0] == 3 < LEAST_ACROSS <= shape[1]  # a row for each axis
+    # Of three axes, the first two are rows and columns as an image has them.
+    if kind.kind not in "iuf" or len(shape) not in (2, 3) or shape[-1] < 3 or across:
+        raise InputError(f"{path}: expected points (N, 3) of numbers, got {str(kind)[:80]} {shape}")
+    return [0, 1, 2]
+
+
+def _check_size(path: Path, name: str, shape: tuple[int, ...], kind: np.dtype, size: int) -> None:
+    """Refuse an array that promises more than there is, before any memory is taken for it."""
     if np.prod([float(length) for length in shape]) * kind.itemsize > size:
         raise InputError(
             f"{path}: expected {name} to fit into {size} bytes, its header promises {str(kind)[:80]} {shape}"
         )
 
 
-def _header(path: Path, file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype]:
-    """Shape and type that an array promises, which no pickled objects may be."""
+def _header(path: Path, file: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, whether by columns, and type that an array promises, which no pickled objects may be."""
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, kind = read(file)
+    shape, by_column, kind = read(file)
     if kind.hasobject:
         raise InputError(f"{path}: expected {name} to hold numbers, got pickled objects")
-    return shape, kind
+    return shape, by_column, kind
 
 
 def _returns(path: Path, arrays: np.lib.npyio.NpzFile) -> RawScan:
@@ -100,7 +126,12 @@ def _returns(path: Path, arrays: np.lib.npyio.NpzFile) -> RawScan:
         distance.ndim != 1 or direction.shape != (len(distance), 3) or origin.shape != (3,) or rotation.shape != (3, 3)
     ):
         raise InputError(f"{path}: expected rays with one direction each, and origin and rotation of one sensor")
-    hit = np.isfinite(distance)
     origin, rotation = origin.astype(np.float64), rotation.astype(np.float64)
-    points = origin + (distance[hit, None].astype(np.float64) * direction[hit]) @ rotation.T
-    return RawScan(points, origin, rotation, in_world=True)
+    points = GrowingPoints()
+    for start in range(0, len(distance), BLOCK):
+        block = slice(start, start + BLOCK)
+        back = np.isfinite(distance[block])
+        points.append(distance[block][back, None].astype(np.float64) * direction[block][back])
+    found = points.points()
+    to_world(found, rotation, origin)
+    return RawScan(found, origin, rotation, in_world=True)

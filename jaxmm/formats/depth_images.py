@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxmm.formats.depth_folders import Camera, DepthFolder, open_depth_folder
-from jaxmm.formats.raw_scans import RawScan, to_world
+from jaxmm.formats.raw_scans import GrowingPoints, RawScan, to_world
 from jaxmm.formats.standstill import is_rest
 from jaxmm.inputs import InputError
 
@@ -30,12 +30,14 @@ def read_depth_folder(path: Path) -> list[RawScan]:
     chosen, remarks = _chosen(path, folder)
     scans: list[RawScan] = []
     for group in _at_rest(folder, chosen):
-        points = np.concatenate([_posed_points(folder, place) for place in group])
+        held = GrowingPoints()
+        for place in group:
+            held.append(_posed_points(folder, place))
         if folder.poses is None:
-            scans.append(RawScan(points, frame="optical"))
+            scans.append(RawScan(held.points(), frame="optical"))
         else:
             position, rotation = folder.poses[group[0]]
-            scans.append(RawScan(points, position, rotation, in_world=True, frame="optical"))
+            scans.append(RawScan(held.points(), position, rotation, in_world=True, frame="optical"))
     scans[0] = scans[0]._replace(remarks=remarks)
     return scans
 

@@ -9,7 +9,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import RawScan, check_count
+from jaxmm.formats.raw_scans import RawScan, check_count, filled, records
 from jaxmm.inputs import InputError, clipped
 
 MAGIC = b"# vtk DataFile Version"
@@ -71,7 +71,4 @@ def _promised(path: Path, file: BinaryIO) -> tuple[int, str]:
 def _numbers(path: Path, file: BinaryIO, count: int, kind: str) -> np.ndarray:
     """(N, 3) of numbers that follow."""
     check_count(path, count, 3 * np.dtype(kind).itemsize)
-    values = np.fromfile(file, kind, 3 * count)
-    if len(values) != 3 * count:
-        raise InputError(f"{path}: expected {count} points, found {len(values) // 3}: it is cut off")
-    return values.reshape(count, 3).astype(np.float64)
+    return filled(path, count, records(file, np.dtype([(axis, kind) for axis in "xyz"]), count))

@@ -46,7 +46,7 @@ from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import PriorFile
-from jaxmm.verdicts.scan_frames import OwnScan
+from jaxmm.verdicts.scan_frames import Motion, OwnScan
 from jaxmm.verdicts.standing_alone import Alone
 from jaxmm.verdicts.station_steps import Judged, Shown, Stood
 from jaxmm.verdicts.verdicts import Told
@@ -58,8 +58,8 @@ KINDS = {
     kind.__name__: kind
     for kind in (
         Again, Alone, Beside, Building, Elements, Faces, Failure, Fit, Frame, GivenPose, Heights, Held,
-        Imperfections, Judged, KnownBuilding, Looked, NamedScan, OwnElements, OwnScan, Past, Patches, Pinhole, Placed,
-        PointScan, PoseError, PosedScan, Prior, PriorFile, Says, ScanRays, ScanSource, Seen, Shown, Side,
+        Imperfections, Judged, KnownBuilding, Looked, Motion, NamedScan, OwnElements, OwnScan, Past, Patches, Pinhole,
+        Placed, PointScan, PoseError, PosedScan, Prior, PriorFile, Says, ScanRays, ScanSource, Seen, Shown, Side,
         Source, Spinning, Station, Stood, Storeys, Taken, Telling, Told, Triangles, Twin, Uprights, View, Whole,
     )
 }  # fmt: skip

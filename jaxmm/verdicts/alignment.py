@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxmm.formats.raw_scans import BLOCK
-from jaxmm.formats.units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height, thinned
+from jaxmm.formats.units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height
 from jaxmm.inputs import Misfit
 from jaxmm.verdicts.placement import FAR_SHIFT
 from jaxmm.verdicts.priors import Y_UP_TO_Z_UP, Prior, distance_from, read_prior
@@ -32,7 +32,7 @@ Y_UP = (".glb", ".gltf")  # by their standard
 class LaidScan(NamedTuple):
     """A scan where it lies on the prior, or is believed to."""
 
-    own: np.ndarray  # (N, 3) float64 points, in the file's frame and unit
+    own: np.ndarray  # (N, 3) float64 points as they were read, in the file's frame and unit
     way: Callable[[np.ndarray], np.ndarray]  # takes some of them (n, 3) to the world [m]
     pose: tuple[np.ndarray, np.ndarray] | None  # position (3,) [m] and rotation (3, 3); None: to be estimated
     source: str
@@ -82,9 +82,9 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
     on_grid = None if grid is None else lambda points, reach: distance(grid.back(points), reach)
     untold = scan.otherwise is not None
     scan, meant, doubts = as_it_fits(scan, [distance] if on_grid is None else [distance, on_grid], unit)
-    fit = fit_of(scan.points, scan.to(distance), unit)
+    fit = fit_of(scan.thin, scan.to(distance), unit)
     if fit.share < LEAST_OVERLAP and grid is not None:
-        mapped = fit_of(scan.points, scan.to(on_grid), unit)
+        mapped = fit_of(scan.thin, scan.to(on_grid), unit)
         fit, on_map = (mapped, True) if mapped.share >= LEAST_OVERLAP else (fit, False)
     if fit.share < LEAST_OVERLAP and unit is None:
         raise Misfit(
@@ -92,7 +92,7 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
             + (", moved there by the pose in its file or not; " if untold else "; ")
             + _elsewhere(prior, scan, grid)
         )
-    own, some = scan.points, scan.world(scan.points[::EVERY] * fit.unit)
+    own, some = scan.points, scan.world(scan.points[::EVERY], fit.unit)
     way = _way(scan, fit.unit)
     position = scan.position * fit.unit if scan.source == "file" else scan.position
     pose = None if position is None else (position, scan.rotation)
@@ -107,14 +107,14 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
 
 
 def _way(scan: OwnScan, unit: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Takes points of a scan (n, 3), in its own frame and in a unit [m], to the frame that it is said to be in."""
-    return scan.world if unit == 1.0 else lambda points: scan.world(points * unit)
+    """Takes points of a scan (n, 3) as they were read, in a unit [m], to the frame that it is said to be in."""
+    return lambda points: scan.world(points, unit)
 
 
 def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
     """What to do about a scan that lies nowhere on the prior: one that is far away may be on a map grid."""
     places = prior.cloud if prior.building is None else prior.building.triangles.vertices
-    points = scan.world(thinned(scan.points))
+    points = scan.carry(scan.thin)
     away = float(np.abs(np.median(points, axis=0) - prior.origin - np.median(places, axis=0)).max())
     if away < ON_A_MAP or height(points) > TALL_ROOM:
         return "check that both are in one frame (--frame), and their units (--unit, --prior-unit) and axes (--up)"
@@ -157,7 +157,7 @@ def fitting_prior(path: Path | Model, options: Any, scans: list[OwnScan], unit: 
     if prior.file.kind == "ifc" or not scans:
         return prior
     distance = distance_from(prior)
-    rise = min(height(scan.points) for scan in scans)
+    rise = min(height(scan.thin) for scan in scans)
     # Only the ratio of both units shows in how they fit; a scan as high as a mountain has that of the prior.
     tall = unit is None and options.unit == 1.0 and rise > TALLEST
     as_it_is = max(_share_on(scans, distance, known) for known in (UNITS if tall else (unit,)))
@@ -243,7 +243,7 @@ def _read_as(distance: Distance, way: _Way, length: float) -> Distance:
 
 def _share_on(scans: list[OwnScan], distance: Distance, unit: float | None) -> float:
     """Share of points on the prior, over all scans alike, each in the unit that it fits in best."""
-    shares = [max(fit_of(one.points, one.to(distance), unit).on for one in scan.ways()) for scan in scans]
+    shares = [max(fit_of(one.thin, one.to(distance), unit).on for one in scan.ways()) for scan in scans]
     return float(np.mean(shares))
 
 

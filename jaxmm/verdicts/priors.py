@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from jaxmm.classes.telling_rays import Known
 from jaxmm.files import sha256_of
-from jaxmm.formats.raw_scans import to_world
+from jaxmm.formats.raw_scans import BLOCK, to_world
 from jaxmm.formats.readers import READERS, PointScan, read_scans
 from jaxmm.formats.units import Distance
 from jaxmm.inputs import InputError
@@ -43,6 +43,7 @@ LEAST_SHAFT = 0.05  # [m] of a column; less is a bolt between two parts of it
 UPRIGHT = 2.0  # [m] height from which a proxy may be a wall or a column
 MOST_BEHIND = 0.1  # share of its points behind others, beyond which a scan was not taken from where its file says
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of rows
+MOST_ASKED = 1_000_000  # points of a cloud, of which the middle is that of all
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
 
 
@@ -97,7 +98,8 @@ def read_prior(path: Path | str | Model, options: ReadOptions = AS_IT_IS, *, car
     if carried:
         scans = [carried_by_file(scan) for scan in scans]
     notes = tuple(f"{path.name}: {note}" for scan in scans for note in scan.remarks)
-    prior = prior_of_cloud(np.concatenate([scan.points for scan in scans]) * options.unit, notes)
+    points = scans[0].points if len(scans) == 1 else np.concatenate([scan.points for scan in scans])
+    prior = prior_of_cloud(points if options.unit == 1.0 else points * options.unit, notes)
     stray = _stray(prior, scans, options.unit)
     (first, *others), untold = scans, None
     if not others and first.position is not None and not first.in_world:
@@ -241,9 +243,11 @@ def prior_of_cloud(points: np.ndarray, notes: tuple[str, ...] = ()) -> Prior:
     """Points (M, 3) float64 [m] as a prior; ValueError without any."""
     if not len(points):
         raise ValueError("expected the points of a prior, got none")
-    far = np.abs(points).max() > NEAR_ORIGIN
-    origin = np.rint(np.median(points, axis=0)) if far else np.zeros(3)
-    offsets = (points - origin).astype(np.float32)
+    far = max(points.max(), -points.min()) > NEAR_ORIGIN
+    origin = np.rint(np.median(points[:: max(1, len(points) // MOST_ASKED)], axis=0)) if far else np.zeros(3)
+    offsets = np.zeros(points.shape, np.float32)
+    for start in range(0, len(points), BLOCK):  # in doubles they would be three times as large
+        offsets[start : start + BLOCK] = points[start : start + BLOCK] - origin
     return Prior(origin, notes, cloud=offsets[thin_clouds([offsets], VOXEL)[0]])
 
 

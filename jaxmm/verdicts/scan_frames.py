@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.formats.poses import OPTICAL, GivenPose
-from jaxmm.formats.raw_scans import to_world
 from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import ON, Distance, fit_of, thinned
 from jaxmm.inputs import InputError
@@ -35,10 +34,28 @@ MEANINGS = (
 TURN_IT = "turned from y up to z up, which scans must have, whatever --up says of the prior"
 
 
+class Motion(NamedTuple):
+    """A motion of points, each to linear x + shift."""
+
+    linear: np.ndarray = np.eye(3)  # (3, 3) float64
+    shift: np.ndarray = np.zeros(3)  # (3,) float64, in the unit of the points
+
+    def of(self, points: np.ndarray) -> np.ndarray:
+        """(n, 3) float64."""
+        return points if self is STILL else points @ self.linear.T + self.shift
+
+    def then(self, other: "Motion") -> "Motion":
+        """This one, and the other one after it."""
+        return Motion(other.linear @ self.linear, other.linear @ self.shift + other.shift)
+
+
+STILL = Motion()
+
+
 class OwnScan(NamedTuple):
     """A scan with its pose, before anything is known of its unit."""
 
-    points: np.ndarray  # (N, 3) float64, in the file's unit
+    points: np.ndarray  # (N, 3) float64 as they were read, in the file's unit; no moved copy of a large scan is held
     position: np.ndarray | None  # (3,) float64 of the sensor, [m] where it was given, else in the file's unit
     rotation: np.ndarray | None  # (3, 3) float64 sensor frame to world
     source: str  # of the pose: "given", "file", "searched", or "estimated" as long as there is none
@@ -47,14 +64,25 @@ class OwnScan(NamedTuple):
     in_world: bool = False  # it was the pose in the file that took the points to the world
     notes: tuple[str, ...] = ()  # how its pose was searched
     otherwise: "OwnScan | None" = None  # the same, moved by the pose in its file, which does not say if that is right
+    motion: Motion = STILL  # of its points, in the file's unit: from the file's frame to its own
 
-    def world(self, points: np.ndarray) -> np.ndarray:
-        """Some of its points (n, 3) [m], in the frame that the scan is said to be in."""
+    @property
+    def thin(self) -> np.ndarray:
+        """Some thousand of its points (n, 3) in its own frame, in the file's unit."""
+        return self.motion.of(thinned(self.points))
+
+    def world(self, points: np.ndarray, unit: float = 1.0) -> np.ndarray:
+        """Some of its points (n, 3) as they were read [unit], in the frame that the scan is said to be in [m]."""
+        points = self.motion.of(points)
+        return self.carry(points if unit == 1.0 else points * unit)
+
+    def carry(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) [m] in its own frame, in the one that it is said to be in."""
         return points @ self.rotation.T + self.position if self.carried else points
 
     def to(self, distance: Distance) -> Distance:
-        """The distance from its own points [m]."""
-        return lambda points, reach: distance(self.world(points), reach)
+        """The distance from points in its own frame [m]."""
+        return lambda points, reach: distance(self.carry(points), reach)
 
     def ways(self) -> tuple["OwnScan", ...]:
         """Itself, and what else it may be."""
@@ -77,13 +105,18 @@ def own_scan(scan: PointScan, given: GivenPose | None, frame: str | None) -> Own
         InputError: points in the sensor's frame without any pose.
     """
     frame = scan.frame or frame
-    if frame is None:
-        if not is_untold(scan):
-            return own_scan(scan, given, "world")
-        as_it_is, other = (own_scan(_as_seen(one), given, "world") for one in (scan, carried_by_file(scan)))
-        return as_it_is._replace(otherwise=other)
+    if frame is None and is_untold(scan):
+        moved = _as_seen(carried_by_file(scan._replace(points=thinned(scan.points))))._replace(points=scan.points)
+        other = _own_scan(moved, given, "world", Motion(scan.rotation, scan.position))
+        return _own_scan(_as_seen(scan), given, "world", STILL)._replace(otherwise=other)
     if frame == "optical":
-        scan = _as_sensor(scan)
+        scan, motion = _as_sensor(scan)
+        return _own_scan(scan, given, frame, motion)
+    return _own_scan(scan, given, frame or "world", STILL)
+
+
+def _own_scan(scan: PointScan, given: GivenPose | None, frame: str, motion: Motion) -> OwnScan:
+    """As of `own_scan`: the file's points are in that frame after a motion, as the scan's pose is already."""
     if given is not None:
         given = given.seen_from(frame)
         position, rotation, source = given.position, given.rotation, "given"
@@ -91,17 +124,22 @@ def own_scan(scan: PointScan, given: GivenPose | None, frame: str | None) -> Own
         position, rotation, source = scan.position, scan.rotation, "file"
     else:
         position, rotation, source = None, None, "estimated"
-    points, carried = scan.points, False
+    carried = False
     if frame != "world":
         if position is None:
             raise InputError("points in the sensor's frame need a pose; give it with --pose")
-        if source == "given":
-            points, carried = (points - scan.position) @ scan.rotation if scan.in_world else points, True
-        elif not scan.in_world:
-            points = points.copy()
-            to_world(points, rotation, position)
+        carried = source == "given"
+        if carried and scan.in_world:
+            motion = motion.then(to_sensor(scan))
+        elif not carried and not scan.in_world:
+            motion = motion.then(Motion(rotation, position))
     stated = scan.position if source == "given" and frame == "world" else None
-    return OwnScan(points, position, rotation, source, carried, stated, scan.in_world)
+    return OwnScan(scan.points, position, rotation, source, carried, stated, scan.in_world, motion=motion)
+
+
+def to_sensor(scan: PointScan) -> Motion:
+    """From the world to the frame of a scan's sensor, of which the file says where it is."""
+    return Motion(scan.rotation.T, -scan.position @ scan.rotation)
 
 
 def is_untold(scan: PointScan) -> bool:
@@ -136,7 +174,7 @@ def as_it_fits(
     if scan.otherwise is None:
         return scan, (), ()
     ways = scan.ways()
-    on = [max(fit_of(one.points, one.to(distance), unit).on for distance in distances) for one in ways]
+    on = [max(fit_of(one.thin, one.to(distance), unit).on for distance in distances) for one in ways]
     best = int(np.argmax(on))
     if on[best] >= LEAST and on[best] > max(CLEARER * on[1 - best], on[1 - best] + ALIKE):
         return (
@@ -147,7 +185,7 @@ def as_it_fits(
     seen, told = by_sight(scan.points, scan.position if scan.source == "file" else scan.stated)
     if seen is not None:
         return ways[seen], (f"{MEANINGS[seen]}: {told}; the prior does not tell",), ()
-    moved = np.linalg.norm(thinned(ways[1].points) - thinned(ways[0].points), axis=1) * (unit or 1.0)
+    moved = np.linalg.norm(ways[1].thin - ways[0].thin, axis=1) * (unit or 1.0)
     if np.median(moved) < ON:
         return scan, (f"{MEANINGS[0]}; that in its file hardly moves them",), ()
     told = f"as they are {on[0]:.0%} of them lie on the prior, moved by the pose in its file {on[1]:.0%}"
@@ -186,26 +224,25 @@ def frame_that_fits(
         return ""
     optical = "with --frame optical"
     if best == "with --frame sensor" and shares[best] - shares[optical] < ALIKE:  # the same place in both
-        own = (scan.points - scan.position) @ scan.rotation if scan.in_world else scan.points
+        own = to_sensor(scan).of(scan.points) if scan.in_world else scan.points
         return optical if _is_optical(own, scan.rotation if given is None else given.rotation) else best
     return best
 
 
 def _on(scan: OwnScan, distance: Distance, unit: float | None) -> float:
-    return fit_of(scan.points, scan.to(distance), unit).on
+    return fit_of(scan.thin, scan.to(distance), unit).on
 
 
-def _as_sensor(scan: PointScan) -> PointScan:
-    """A scan whose own frame is optical, as if it were the sensor's."""
-    if scan.in_world:  # only the rotation is still of that frame
-        return scan._replace(rotation=scan.rotation @ OPTICAL.T)
+def _as_sensor(scan: PointScan) -> tuple[PointScan, Motion]:
+    """A scan whose own frame is optical, as if it were the sensor's once a motion took its points there."""
     rotation = None if scan.rotation is None else scan.rotation @ OPTICAL.T
-    return scan._replace(points=scan.points @ OPTICAL.T, rotation=rotation)
+    # In the world only the rotation is still of that frame.
+    return scan._replace(rotation=rotation), STILL if scan.in_world else Motion(OPTICAL)
 
 
 def _as_seen(scan: PointScan) -> PointScan:
     """A scan in the world, with the pose of the sensor where that in its file may be of its optics."""
-    if _is_optical((thinned(scan.points) - scan.position) @ scan.rotation, scan.rotation):
+    if _is_optical(to_sensor(scan).of(thinned(scan.points)), scan.rotation):
         return scan._replace(rotation=scan.rotation @ OPTICAL.T)
     return scan
 

@@ -9,14 +9,15 @@ from jaxmm.formats.poses import OPTICAL
 from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import UNITS, height
 from jaxmm.inputs import Misfit
+from jaxmm.rays.scan_rays import even_draw
 from jaxmm.verdicts.alignment import STOREY, TALL_ROOM
 from jaxmm.verdicts.pose_search import search
 from jaxmm.verdicts.priors import Prior
-from jaxmm.verdicts.scan_frames import FRAMES, MEANINGS, OwnScan, by_sight, is_untold
+from jaxmm.verdicts.scan_frames import FRAMES, MEANINGS, STILL, Motion, OwnScan, by_sight, is_untold, to_sensor
 
 
 def searched_scan(prior: Prior, scan: PointScan, frame: str | None, unit: float | None) -> OwnScan:
-    """A scan at the only place in the building that it fits; its points are then metres in the sensor's frame.
+    """A scan at the only place in the building that it fits; its own frame is then the sensor's, in metres.
 
     Args:
         prior: of elements.
@@ -53,11 +54,11 @@ def searched_scan(prior: Prior, scan: PointScan, frame: str | None, unit: float 
 
 def _searched(prior: Prior, scan: PointScan, frame: str, unit: float | None) -> OwnScan:
     """A scan in one frame at the only place that it fits; Misfit where there is none."""
-    points = sensor_points(scan, frame)
+    motion = to_own_frame(scan, frame)
+    points = motion.of(even_draw(scan.points))  # a search asks for no more of them
     unit, told = (unit, ()) if unit is not None else _likeliest_unit(points)
-    points = points * unit
     try:
-        found = search(prior, points)
+        found = search(prior, points * unit)
     except Misfit as error:
         hint = f"; it was read in {UNITS[unit]}, see --unit" if told else ""
         raise Misfit(f"--pose search: {error}{hint}") from error
@@ -68,19 +69,21 @@ def _searched(prior: Prior, scan: PointScan, frame: str, unit: float | None) -> 
     )
     if place.gone:
         note += f"; {place.gone} of the elements in view counted as gone for it"
-    return OwnScan(points, place.position + prior.origin, place.rotation, "searched", True, notes=(*told, note))
+    motion = motion.then(Motion(unit * np.eye(3)))
+    position = place.position + prior.origin
+    return OwnScan(scan.points, position, place.rotation, "searched", True, notes=(*told, note), motion=motion)
 
 
-def sensor_points(scan: PointScan, frame: str) -> np.ndarray:
-    """Points (N, 3) in the sensor's frame, in the file's unit.
+def to_own_frame(scan: PointScan, frame: str) -> Motion:
+    """Of its points (N, 3) to the sensor's frame, in the file's unit.
 
     A pose in the file took them to the world, or is that of a sensor whose points are in the world, unless `frame` says
     that they are in the sensor's.
     """
-    points, frame = scan.points, scan.frame or frame
+    motion, frame = STILL, scan.frame or frame
     if scan.position is not None and (scan.in_world or frame == "world"):
-        points = (points - scan.position) @ scan.rotation
-    return points @ OPTICAL.T if frame == "optical" else points
+        motion = to_sensor(scan)
+    return motion.then(Motion(OPTICAL)) if frame == "optical" else motion
 
 
 def _likeliest_unit(points: np.ndarray) -> tuple[float, tuple[str, ...]]:

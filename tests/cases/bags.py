@@ -100,17 +100,24 @@ class Types:
         )  # fmt: skip
 
 
-def write_bag(path: Path, kind: str, messages: list[tuple[str, float, object]]) -> Path:
-    """Write messages of topics, with the time [s] at which they came; returns what to read: a file, or a folder."""
+def write_bag(path: Path, kind: str, messages: list[tuple[str, float, object]], packed: str = "") -> Path:
+    """Write messages of topics, with the time [s] at which they came; returns what to read: a file, or a folder.
+
+    `packed` is lz4 or bz2 in ROS 1; in ROS 2 what is packed by zstd: storage (of MCAP), message or file.
+    """
     types = Types(kind)
     if kind == "ros1":
         from rosbags.rosbag1 import Writer
 
         path, made = path.with_suffix(".bag"), Writer(path.with_suffix(".bag"))
+        if packed:
+            made.set_compression(Writer.CompressionFormat[packed.upper()])
     else:
-        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
         made = Writer(path, version=9, storage_plugin=StoragePlugin[kind.upper()])
+        if packed:
+            made.set_compression(CompressionMode[packed.upper()], CompressionFormat.ZSTD)
     with made as writer:
         connections = {}
         for topic, time, message in messages:

@@ -91,6 +91,18 @@ def _edit_field(data: bytes, rng: np.random.Generator) -> bytes:
     return data[:place] + odd + data[place + len(odd) :]
 
 
+def _edit_length(data: bytes, rng: np.random.Generator) -> bytes:
+    """A number in binary that may be a length, a count or a place in the file: a little off, or far beyond."""
+    code = str(rng.choice(["<H", "<I", "<Q", ">H", ">I"]))
+    size, start = struct.calcsize(code), _place(data, rng)
+    for place in range(start, min(start + 200, len(data) - size)):
+        (told,) = struct.unpack_from(code, data, place)
+        if 0 < told <= 2 * len(data):
+            beyond = told + int(rng.choice([-1, 1, 8, -told, told, len(data), 2 ** (8 * size - 2)]))
+            return data[:place] + struct.pack(code, beyond % 2 ** (8 * size)) + data[place + size :]
+    return _edit_field(data, rng)
+
+
 def _swap_lines(data: bytes, rng: np.random.Generator) -> bytes:
     lines = data.split(b"\n")
     a, b = rng.integers(min(len(lines), 100), size=2)
@@ -109,6 +121,8 @@ DAMAGES = (
     _edit_number,
     _edit_number,
     _edit_field,
+    _edit_length,
+    _edit_length,
     _swap_lines,
 )
 

@@ -33,7 +33,7 @@ class ValidFile(NamedTuple):
     beside: Mapping[str, bytes] = {}  # what else is in that folder
 
 
-def _saved(ending: str, write: Callable[[Path], object]) -> bytes:
+def saved(ending: str, write: Callable[[Path], object]) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"file{ending}"
         write(path)
@@ -60,12 +60,12 @@ def ply_binary() -> ValidFile:
     return ValidFile(".ply", f"{header}property double z\nend_header\n".encode() + POINTS.astype("<f8").tobytes())
 
 
-def _pcd(encoding: str) -> ValidFile:
+def pcd(encoding: str) -> ValidFile:
     from pypcd4 import Encoding, PointCloud
 
     cloud = PointCloud.from_points(list(POINTS.T), ("x", "y", "z"), (np.float64,) * 3)
     cloud.metadata.viewpoint = (1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0)
-    return ValidFile(".pcd", _saved(".pcd", lambda path: cloud.save(path, encoding=Encoding(encoding))))
+    return ValidFile(".pcd", saved(".pcd", lambda path: cloud.save(path, encoding=Encoding(encoding))))
 
 
 def e57() -> ValidFile:
@@ -79,16 +79,16 @@ def e57() -> ValidFile:
                 rotation = np.array([np.cos(turn), 0.0, 0.0, np.sin(turn)])
                 file.write_scan_raw(columns, rotation=rotation, translation=np.array([1.0, 2.0, 3.0]))
 
-    data = _saved(".e57", write)
-    content = re.sub(rb"\{[0-9a-f-]{36}\}", b"{" + b"0" * 36 + b"}", _e57_content(data))  # the same in every run
-    return ValidFile(".e57", _e57_pages(data, content), _e57_content, _e57_pages)
+    data = saved(".e57", write)
+    content = re.sub(rb"\{[0-9a-f-]{36}\}", b"{" + b"0" * 36 + b"}", e57_content(data))  # the same in every run
+    return ValidFile(".e57", e57_pages(data, content), e57_content, e57_pages)
 
 
-def _e57_content(data: bytes) -> bytes:
+def e57_content(data: bytes) -> bytes:
     return b"".join(data[start : start + PAGE - 4] for start in range(0, len(data), PAGE))
 
 
-def _e57_pages(_: bytes, content: bytes) -> bytes:
+def e57_pages(_: bytes, content: bytes) -> bytes:
     """Pages with right checksums, and the length of the file in its header put right."""
     count = -(-len(content) // (PAGE - 4))
     content = content.ljust(count * (PAGE - 4), b"\0")
@@ -123,7 +123,7 @@ def _las(ending: str, kind: int, version: str) -> ValidFile:
     cloud.add_extra_dim(laspy.ExtraBytesParams("quality", "uint8"))
     cloud.header.offsets, cloud.header.scales = POINTS[0], [1e-3] * 3
     cloud.x, cloud.y, cloud.z = POINTS.T
-    return ValidFile(ending, _saved(ending, cloud.write))
+    return ValidFile(ending, saved(ending, cloud.write))
 
 
 def csv_thesis() -> ValidFile:
@@ -158,8 +158,8 @@ def ptx() -> ValidFile:
     return ValidFile(".ptx", (2 * scan).encode())
 
 
-def bag(kind: str, livox: bool = False) -> ValidFile:
-    """Two clouds of 40 points of a sensor that moves, and its transforms."""
+def bag(kind: str, livox: bool = False, packed: str = "", name: str = "") -> ValidFile:
+    """Two clouds of 40 points of a sensor that moves, and its transforms; with a `name` one file of its folder."""
     from tests.cases.bags import Types, write_bag
 
     types, messages = Types(kind), []
@@ -169,17 +169,20 @@ def bag(kind: str, livox: bool = False) -> ValidFile:
         cloud = (types.livox if livox else types.cloud)(time, "lidar", POINTS - GRID)
         messages.append(("/points", time, cloud))
     with tempfile.TemporaryDirectory() as folder:
-        path = write_bag(Path(folder) / "file", kind, messages)
+        path = write_bag(Path(folder) / "file", kind, messages, packed)
+        if name:
+            held = {one.name: one.read_bytes() for one in path.iterdir()}
+            return ValidFile(Path(name).suffix, held.pop(name), place=name, beside=held)
         path = path if path.is_file() else next(one for one in path.iterdir() if one.suffix in (".db3", ".mcap"))
         return ValidFile(path.suffix, path.read_bytes())
 
 
 def npy() -> ValidFile:
-    return ValidFile(".npy", _saved(".npy", lambda path: np.save(path, POINTS)))
+    return ValidFile(".npy", saved(".npy", lambda path: np.save(path, POINTS)))
 
 
 def npz_points() -> ValidFile:
-    data = _saved(".npz", lambda path: np.savez(path, points=POINTS))
+    data = saved(".npz", lambda path: np.savez(path, points=POINTS))
     return ValidFile(".npz", data, _first_member, _with_first_member)
 
 
@@ -187,7 +190,7 @@ def npz_rays() -> ValidFile:
     direction = np.random.default_rng(8).normal(size=(40, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     arrays = {"distance": np.full(40, 2.0), "direction": direction, "origin": POINTS[0], "rotation": np.eye(3)}
-    data = _saved(".npz", lambda path: np.savez_compressed(path, **arrays))
+    data = saved(".npz", lambda path: np.savez_compressed(path, **arrays))
     return ValidFile(".npz", data, _first_member, _with_first_member)
 
 
@@ -249,7 +252,7 @@ def glb_instances() -> ValidFile:
     node = {"name": "column", "mesh": 0, "scale": [1e-4] * 3, "extensions": told}
     tree, blob = arrays_to_gltf([node], [(one, {}) for one in corners], [*told, "KHR_mesh_quantization"])
     tree["meshes"] = tree["meshes"][:1]
-    made = _saved(".glb", lambda path: write_glb(path, tree, blob))
+    made = saved(".glb", lambda path: write_glb(path, tree, blob))
     return ValidFile(".glb", made, _glb_tree, _with_glb_tree)
 
 
@@ -294,9 +297,9 @@ SCANS: dict[str, Callable[[], ValidFile]] = {
     "ply-text": ply_text,
     "ply-binary": ply_binary,
     "ply-lists": ply_lists,
-    "pcd-ascii": lambda: _pcd("ascii"),
-    "pcd-binary": lambda: _pcd("binary"),
-    "pcd-compressed": lambda: _pcd("binary_compressed"),
+    "pcd-ascii": lambda: pcd("ascii"),
+    "pcd-binary": lambda: pcd("binary"),
+    "pcd-compressed": lambda: pcd("binary_compressed"),
     "e57": e57,
     "las": lambda: _las(".las", 0, "1.2"),
     "las-1.4": lambda: _las(".las", 6, "1.4"),

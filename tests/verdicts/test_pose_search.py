@@ -13,7 +13,7 @@ from jaxmm.inputs import Misfit
 from jaxmm.verdicts.panoramas import AZIMUTHS, fits_of, panorama_of, span_of_azimuth, upright_of
 from jaxmm.verdicts.pose_search import search
 from jaxmm.verdicts.priors import prior_of_building
-from jaxmm.verdicts.searched_scans import searched_scan, sensor_points
+from jaxmm.verdicts.searched_scans import searched_scan, to_own_frame
 from tests.cases.box_building import building_of, shell_of
 from warp_scanner.buildings.free_places import free_places
 from warp_scanner.scenes.scenes import PILLAR, TABLE, WALL
@@ -191,10 +191,10 @@ def test_a_pose_in_the_file_says_only_where_its_zero_is():
     own = seen(prior, position, rotation)
     believed, turn = np.array([500.0, 20.0, 3.0]), turned(-20.0, 0.0, 0.0)
     in_world = PointScan(own @ turn.T + believed, believed, turn, (), True)
-    np.testing.assert_allclose(sensor_points(in_world, "world"), own, atol=1e-9)
-    np.testing.assert_allclose(sensor_points(PointScan(own, None, None, ()), "world"), own)
+    np.testing.assert_allclose(to_own_frame(in_world, "world").of(in_world.points), own, atol=1e-9)
+    np.testing.assert_allclose(to_own_frame(PointScan(own, None, None, ()), "world").of(own), own)
     optical = np.column_stack([-own[:, 1], -own[:, 2], own[:, 0]])
-    np.testing.assert_allclose(sensor_points(PointScan(optical, None, None, ()), "optical"), own, atol=1e-9)
+    np.testing.assert_allclose(to_own_frame(PointScan(optical, None, None, ()), "optical").of(optical), own, atol=1e-9)
     found = searched_scan(prior, PointScan(own * 1000.0, None, None, ()), "world", None)
     assert found.source == "searched" and "millimetres" in found.notes[0]
     assert re.fullmatch(r"its pose was searched: \d+ places tried, it matches \d+% there and at most \d+% elsewhere",
