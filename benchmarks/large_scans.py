@@ -7,8 +7,8 @@ An hour for all formats.
 A generated room is scanned from one place in random directions with 3 mm of noise, and written block by block in one
 format at a time. A process of its own compares it with the room's IFC file, as a user would, and the peak of its
 resident memory is taken. With `--frame` the file holds points in the frame of the sensor or of its optics, which the
-given pose takes to the room, or with `viewpoint` the pose in a PCD file. A file takes up to 2 GB of the disk, and none outlives its turn. The exit code is 1 where
-anything took more than the limit.
+given pose takes to the room, or with `viewpoint` those that the pose in a PCD file does. A file takes up to 2 GB of the
+disk, and none outlives its turn. The exit code is 1 where anything took more than the limit.
 """
 
 import os
@@ -70,7 +70,7 @@ def main() -> int:
 
 
 def detection(scenes: Scenes, scan: Path, frame: str) -> list:
-    """Arguments of the job: the room as an IFC file beside the scan, the scanner's pose, and the frame of its points."""
+    """Arguments of the job: the room as an IFC file beside the scan, the scanner's pose, the frame of its points."""
     prior, pose = scan.with_name("room.ifc"), scenes.pose
     write_room(prior, scenes.primitives._replace(kind=np.where(scenes.in_prior, scenes.primitives.kind, GAP)), 0)
     place = ",".join(f"{value:.6f}" for value in (*pose.position[0], 0.0))

@@ -271,10 +271,11 @@ def _thesis(options: argparse.Namespace) -> None:
 def _scan(options: argparse.Namespace) -> None:
     import numpy as np
 
+    from jaxmm.commands.detect_options import read_options
     from jaxmm.commands.scanning import check_returns, opened, scan_of
     from jaxmm.formats import writers
     from jaxmm.formats.poses import parse_pose
-    from warp_scanner.scenes.building import ReadOptions, remarks
+    from warp_scanner.scenes.building import remarks
     from warp_scanner.sensors.sensors import sensor_named
 
     writers.check_format(options.out)
@@ -282,15 +283,9 @@ def _scan(options: argparse.Namespace) -> None:
     pose = parse_pose(options.pose)
     try:
         sensor = sensor_named(options.sensor)
-        reading = ReadOptions(
-            glass="transparent" if options.clear_glass else "solid",
-            doors="open" if options.open_doors else "closed",
-            y_up=None if options.up is None else options.up == "y",
-            unit=options.unit,
-        )
     except ValueError as error:
         raise InputError(str(error)) from error
-    building = opened(options.scene, reading, options.also)
+    building = opened(options.scene, read_options(options, options.unit), options.also)
     scan = scan_of(building, pose, sensor, options.seed)
     check_returns(scan, options.pose, options.scene)
     _, *moved = writers.write_scan(options.out, scan)

@@ -111,7 +111,7 @@ def detect(options: argparse.Namespace) -> None:
             parse_date(options.date)
         except InputError as error:
             raise InputError(f"--date: {error}") from error
-    with reading_ahead(options.prior, _prior_options(options)):
+    with reading_ahead(options.prior, read_options(options, _prior_unit(options))):
         _detect(options)
 
 
@@ -199,10 +199,20 @@ def _reading(options: argparse.Namespace, sensor):
     from jaxmm.commands.detect_files import Reading
 
     _check_kind(options)
-    return Reading(_prior_options(options), options.unit, options.frame, sensor, options.topic)
+    prior = read_options(options, _prior_unit(options))
+    return Reading(prior, options.unit, options.frame, sensor, options.topic)
 
 
-def _prior_options(options: argparse.Namespace):
+def _prior_unit(options: argparse.Namespace) -> float:
+    return 1.0 if options.prior_unit is None else options.prior_unit
+
+
+def read_options(options: argparse.Namespace, unit: float):
+    """How a command line has a model read; `unit` [m] is that of a mesh or cloud.
+
+    Raises:
+        InputError: no such unit.
+    """
     from warp_scanner.scenes.building import ReadOptions
 
     try:
@@ -210,7 +220,7 @@ def _prior_options(options: argparse.Namespace):
             glass="transparent" if options.clear_glass else "solid",
             doors="open" if options.open_doors else "closed",
             y_up=None if options.up is None else options.up == "y",
-            unit=1.0 if options.prior_unit is None else options.prior_unit,
+            unit=unit,
         )
     except ValueError as error:
         raise InputError(str(error)) from error

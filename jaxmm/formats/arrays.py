@@ -64,7 +64,7 @@ def _points(path: Path, file: IO[bytes], shape: tuple[int, ...], by_column: bool
     if by_column and len(shape) == 2:  # all x come first
         points = np.zeros((shape[0], 3))
         for axis in range(3):
-            points[:, axis] = filled(path, shape[0], _blocks(file, shape[0], kind, 1, [0]))
+            filled(path, shape[0], _blocks(file, shape[0], kind, 1, [0]), points[:, axis : axis + 1])
         return points
     if by_column:
         array = np.frombuffer(file.read(math.prod(shape) * kind.itemsize), kind).reshape(shape, order="F")

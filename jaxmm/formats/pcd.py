@@ -14,6 +14,7 @@ import numpy as np
 from jaxmm.formats.pcd_header import PcdHeader, read_pcd_header
 from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling, filled, records
 from jaxmm.formats.text import rows
+from jaxmm.formats.text_header import remarks_on_end
 from jaxmm.inputs import InputError
 
 NO_VIEWPOINT = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]  # the default, which most writers leave as it is: it says nothing
@@ -43,7 +44,8 @@ def read_pcd(path: Path) -> list[RawScan]:
         position, rotation = _pose(header.sensor or header.viewpoint)
         if position is not None:
             position = position + header.offset
-        return [RawScan(points, position, rotation, in_world=header.sensor is not None)]
+        remarks = remarks_on_end(path) if header.data == "ascii" else ()
+        return [RawScan(points, position, rotation, remarks, in_world=header.sensor is not None)]
 
 
 def _kind(header: PcdHeader) -> np.dtype:

@@ -15,6 +15,7 @@ import numpy as np
 from jaxmm.formats.ply_header import Element, read_header
 from jaxmm.formats.raw_scans import BLOCK, RawScan, axes_of, check_count, filled, records
 from jaxmm.formats.text import rows
+from jaxmm.formats.text_header import remarks_on_end
 from jaxmm.inputs import InputError, one_line
 
 
@@ -45,7 +46,8 @@ def read_ply(path: Path) -> list[RawScan]:
             blocks = records(file, vertex.kind(), vertex.count, tuple(f"f{axis}" for axis in axes))
         points = filled(path, vertex.count, blocks)
         points += offset
-        return [RawScan(points)]
+        ends = not order and not any(element.count for element in elements[place + 1 :])
+        return [RawScan(points, remarks=remarks_on_end(path) if ends else ())]
 
 
 def _text_points(

@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxmm.formats.raw_scans import MOST_POINTS, GrowingPoints, RawScan, to_world
 from jaxmm.formats.text import rows
-from jaxmm.formats.text_header import LONGEST_LINE
+from jaxmm.formats.text_header import COMMENTS, LONGEST_LINE, remarks_on_end
 from jaxmm.inputs import InputError
 
 AXES = (0, 1, 2)  # columns of x, y and z
@@ -58,6 +58,7 @@ def read_ptx(path: Path) -> list[RawScan]:
                 first += header.count
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected PTX as text, got bytes that are none") from error
+    found[-1] = found[-1]._replace(remarks=(*found[-1].remarks, *remarks_on_end(path)))
     return found
 
 
@@ -68,7 +69,8 @@ def _header(path: Path, file: TextIO, first: int, number: int) -> tuple[_Header,
         line = file.readline(LONGEST_LINE)
         if not values and not line and number > 1:
             return None
-        if values or not line or line.strip():  # empty lines between scans do not count
+        bare = line.strip()
+        if values or not line or (bare and not bare.startswith(COMMENTS)):  # these count nowhere between scans
             values.append(_values(path, line, first, number, *HEADER[len(values)]))
         first += 1
     return _checked_header(path, values, number), first

@@ -69,21 +69,22 @@ def check_swelling(path: Path, unpacked: int) -> None:
         raise InputError(f"{path}: expected a scan, found a packed file that swells to {unpacked / 1e9:.3g} GB")
 
 
-def filled(path: Path, count: int, blocks: Iterable[np.ndarray]) -> np.ndarray:
+def filled(path: Path, count: int, blocks: Iterable[np.ndarray], points: np.ndarray | None = None) -> np.ndarray:
     """All blocks in one array.
 
     Args:
         path: the file, for the error.
         count: points that its header promises.
         blocks: (n, 3) numbers each.
+        points: where they are to be put; None: into a new array.
 
     Returns:
-        (N, 3) float64, N = count.
+        (N, 3) float64, N = count, or `points`.
 
     Raises:
         InputError: the blocks hold another number of points.
     """
-    points, found = np.zeros((count, 3)), 0
+    points, found = np.zeros((count, 3)) if points is None else points, 0
     for block in blocks:
         if found + len(block) > count:
             raise InputError(f"{path}: expected {count} points as its header promises, found more")

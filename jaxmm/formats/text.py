@@ -26,6 +26,7 @@ from jaxmm.formats.text_header import (
     is_count,
     missing_axis,
     named_axes,
+    remarks_on_end,
     start_of,
 )
 from jaxmm.inputs import InputError, one_line
@@ -92,7 +93,9 @@ def _read(path: Path, encoding: str) -> list[RawScan]:
                 lines = (line.replace(",", ".") for line in lines)
             how = {"delimiter": delimiter, "usecols": columns, "quotechar": '"' if '"' in start.row else None}
             told = ("its decimal commas were read as points",) if commas else ()
-            return [one._replace(remarks=told) for one in _clouds(path, lines, start.count, **how)]
+            found = [one._replace(remarks=told) for one in _clouds(path, lines, start.count, **how)]
+        found[-1] = found[-1]._replace(remarks=(*told, *remarks_on_end(path)))
+        return found
     except (InputError, UnicodeDecodeError):
         raise
     except ValueError as error:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple, TextIO
 
 from jaxmm.formats.raw_scans import axes_of
-from jaxmm.inputs import InputError
+from jaxmm.inputs import InputError, clipped
 
 LONGEST_LINE = 1 << 16  # [characters] of a line before the points
 MOST_DIGITS = 18  # of a number of points
@@ -88,6 +88,29 @@ def start_of(file: TextIO) -> Start:
         elif bare and not bare.startswith(COMMENTS):
             return Start(header, count, line)
     return Start(header, count, "")
+
+
+def remarks_on_end(path: Path) -> tuple[str, ...]:
+    """What is to be said of a text file that ends within a line, as one does that was cut off; nothing of any other.
+
+    Most programs end the last line, some do not: where it has all its columns, its last number may still be cut.
+
+    Raises:
+        InputError: that line has fewer columns than the one before.
+    """
+    with open(path, "rb") as file:
+        file.seek(max(0, path.stat().st_size - 2 * LONGEST_LINE))
+        *before, last = re.split(rb"[\r\n]", file.read())
+    if not last.strip() or b"\0" in last or not before:  # of UTF-16 only every second byte tells
+        return ()
+    previous = next((line.decode("latin-1") for line in reversed(before) if line.strip()), "")
+    told, wanted = (len(fields_of(line, delimiter_of(previous))) for line in (last.decode("latin-1"), previous))
+    if told < wanted:
+        raise InputError(
+            f"{path}: truncated: it ends within a line of {told} columns, where the one before has {wanted}: "
+            f"{clipped(last.decode('latin-1'))!r}"
+        )
+    return ("its last line has no end: if the file was cut off there, its last number is not whole",)
 
 
 def named_axes(names: list[str], once: bool = True) -> list[int] | None:

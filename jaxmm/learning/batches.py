@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.config import SCENARIOS, TRAINED_METHODS
+from jaxmm.inputs import InputError
 from jaxmm.learning.preprocess import augmentations
 
 LEAST_SHOWN = 10  # testable points of an object, below which its points are no examples of it
@@ -62,13 +63,26 @@ def features_of(
     """The network's input (N, F) float32: the NN distance [m], after absolute coordinates [m] for `xyz_nn`.
 
     For `xyz` it is the coordinates alone, for `evidence` the evidence itself.
+
+    Raises:
+        InputError: it has another width than the method takes, as of clouds that another version made.
     """
     if method == "evidence":
-        return np.asarray(evidence, np.float32)
-    if method == "xyz":
-        return np.asarray(points, np.float32)
-    column = np.asarray(distance, np.float32)[:, None]
-    return column if TRAINED_METHODS[method] == 1 else np.concatenate([np.asarray(points, np.float32), column], axis=1)
+        found = np.asarray(evidence, np.float32)
+    elif method == "xyz":
+        found = np.asarray(points, np.float32)
+    else:
+        found = np.asarray(distance, np.float32)[:, None]
+        if TRAINED_METHODS[method] > 1:
+            found = np.concatenate([np.asarray(points, np.float32), found], axis=1)
+    wanted = TRAINED_METHODS[method]
+    if found.shape[1:] != (wanted,):
+        made = "made without any" if not found.shape[1:] or not found.shape[1] else "made by another version"
+        raise InputError(
+            f"expected {wanted} features of each point for {method}, got {found.shape[-1] if found.ndim else 0}: the "
+            f"clouds were {made}, make them again"
+        )
+    return found
 
 
 class Sampler(NamedTuple):

@@ -17,7 +17,7 @@ from jaxmm.formats.units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, f
 from jaxmm.inputs import Misfit
 from jaxmm.verdicts.placement import FAR_SHIFT
 from jaxmm.verdicts.priors import Y_UP_TO_Z_UP, Prior, distance_from, read_prior
-from jaxmm.verdicts.scan_frames import ALIKE, CLEARER, LEAST, MEANINGS, OwnScan, as_it_fits, by_sight
+from jaxmm.verdicts.scan_frames import ALIKE, CLEARER, LEAST, MEANINGS, MapGrid, OwnScan, as_it_fits, by_sight, map_grid
 from warp_scanner.buildings.model_files import Model
 
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
@@ -53,18 +53,6 @@ class LaidScan(NamedTuple):
         return found
 
 
-class MapGrid(NamedTuple):
-    """The way back from a map grid to the frame of a building."""
-
-    shift: np.ndarray  # (3,) float64 [m] of the frame's zero on the map
-    linear: np.ndarray  # (3, 3) float64 from the map
-    turn: np.ndarray  # (3, 3) float64: the rotation in it
-
-    def back(self, points: np.ndarray) -> np.ndarray:
-        """(n, 3) [m] from the map; subtracted first, so that nothing is lost of national grids."""
-        return (points - self.shift) @ self.linear.T
-
-
 def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
     """A scan in metres, in the prior's frame: as it is, or back from the map grid if it lies on the prior only then.
 
@@ -78,7 +66,7 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
     Raises:
         InputError: it does not lie on the prior, in no unit.
     """
-    grid, distance, on_map = _map_grid(prior), distance_from(prior), False
+    grid, distance, on_map = map_grid(prior), distance_from(prior), False
     on_grid = None if grid is None else lambda points, reach: distance(grid.back(points), reach)
     untold = scan.otherwise is not None
     scan, meant, doubts = as_it_fits(scan, [distance] if on_grid is None else [distance, on_grid], unit)
@@ -245,15 +233,6 @@ def _share_on(scans: list[OwnScan], distance: Distance, unit: float | None) -> f
     """Share of points on the prior, over all scans alike, each in the unit that it fits in best."""
     shares = [max(fit_of(one.thin, one.to(distance), unit).on for one in scan.ways()) for scan in scans]
     return float(np.mean(shares))
-
-
-def _map_grid(prior: Prior) -> MapGrid | None:
-    if not prior.has_elements or prior.building.to_map is None:
-        return None
-    to_map = prior.building.to_map
-    linear = np.linalg.inv(to_map[:3, :3])
-    left, _, right = np.linalg.svd(linear)
-    return MapGrid(to_map[:3, 3], linear, left @ right)
 
 
 def _nearer(position: np.ndarray, points: np.ndarray, others: np.ndarray) -> bool:

@@ -31,6 +31,7 @@ MEANINGS = (
     "its points were taken to be in the world's frame",
     "its points were taken to be in the sensor's frame, and moved by the pose in its file",
 )
+SWAP_IT = "with x and y swapped, as of columns in which northings stand first"
 TURN_IT = "turned from y up to z up, which scans must have, whatever --up says of the prior"
 
 
@@ -87,6 +88,28 @@ class OwnScan(NamedTuple):
     def ways(self) -> tuple["OwnScan", ...]:
         """Itself, and what else it may be."""
         return (self,) if self.otherwise is None else (self, self.otherwise)
+
+
+class MapGrid(NamedTuple):
+    """The way back from a map grid to the frame of a building."""
+
+    shift: np.ndarray  # (3,) float64 [m] of the frame's zero on the map
+    linear: np.ndarray  # (3, 3) float64 from the map
+    turn: np.ndarray  # (3, 3) float64: the rotation in it
+
+    def back(self, points: np.ndarray) -> np.ndarray:
+        """(n, 3) [m] from the map; subtracted first, so that nothing is lost of national grids."""
+        return (points - self.shift) @ self.linear.T
+
+
+def map_grid(prior: Prior) -> MapGrid | None:
+    """The one that a building is on; None where its file tells none."""
+    if not prior.has_elements or prior.building.to_map is None:
+        return None
+    to_map = prior.building.to_map
+    linear = np.linalg.inv(to_map[:3, :3])
+    left, _, right = np.linalg.svd(linear)
+    return MapGrid(to_map[:3, 3], linear, left @ right)
 
 
 def own_scan(scan: PointScan, given: GivenPose | None, frame: str | None) -> OwnScan:
@@ -207,18 +230,19 @@ def frame_that_fits(
     """
     if scan.frame is not None:  # the format tells it
         return ""
-    shares, distance, scan = {}, distance_from(prior), scan._replace(points=thinned(scan.points))
-    stated = max(_on(one, distance, unit) for one in own_scan(scan, given, frame).ways())
+    shares, scan = {}, scan._replace(points=thinned(scan.points))
+    distance, grid = distance_from(prior), map_grid(prior)
+    distances = (distance, *(() if grid is None else (lambda points, reach: distance(grid.back(points), reach),)))
+    stated = max(_on(one, distances, unit) for one in own_scan(scan, given, frame).ways())
     for other in FRAMES:
         try:
             own = own_scan(scan, given, other)
         except InputError:  # without a pose there are no other frames
             continue
-        shares[f"with --frame {other}"] = _on(own, distance, unit)
+        shares[f"with --frame {other}"] = _on(own, distances, unit)
     if frame in (None, "world"):
-        shares[TURN_IT] = _on(
-            own_scan(scan._replace(points=scan.points @ Y_UP_TO_Z_UP), given, "world"), distance, unit
-        )
+        for how, points in ((TURN_IT, scan.points @ Y_UP_TO_Z_UP), (SWAP_IT, scan.points[:, [1, 0, 2]])):
+            shares[how] = _on(own_scan(scan._replace(points=points), given, "world"), distances, unit)
     best = max(shares, key=shares.get)
     if shares[best] <= max(least, 2.0 * stated):
         return ""
@@ -229,8 +253,8 @@ def frame_that_fits(
     return best
 
 
-def _on(scan: OwnScan, distance: Distance, unit: float | None) -> float:
-    return fit_of(scan.thin, scan.to(distance), unit).on
+def _on(scan: OwnScan, distances: Sequence[Distance], unit: float | None) -> float:
+    return max(fit_of(scan.thin, scan.to(distance), unit).on for distance in distances)
 
 
 def _as_sensor(scan: PointScan) -> tuple[PointScan, Motion]:

@@ -5,6 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
+from jaxmm.config import TRAINED_METHODS
+from jaxmm.inputs import InputError
 from jaxmm.learning.batches import LabelledCloud, Sampler, features_of, labels_of, validation_batch
 
 POINTS = 40
@@ -147,6 +149,18 @@ def test_features_are_the_distance_after_the_coordinates_of_methods_that_see_the
     np.testing.assert_array_equal(features_of("nn", points, distance), [[7], [8]])
     np.testing.assert_array_equal(features_of("xyz_nn", points, distance), [[0, 1, 2, 7], [3, 4, 5, 8]])
     assert features_of("xyz_nn", points, distance).dtype == np.float32
+
+
+def test_evidence_of_another_width_than_the_method_takes_is_refused_in_one_line():
+    points, distance = np.zeros((2, 3)), np.zeros(2)
+    wanted = TRAINED_METHODS["evidence"]
+    assert features_of("evidence", points, distance, np.zeros((2, wanted))).shape == (2, wanted)
+    for evidence, got in (
+        (np.zeros((2, wanted - 1)), f"got {wanted - 1}: .* made by another version"),
+        (None, "got 0"),
+    ):
+        with pytest.raises(InputError, match=f"expected {wanted} features of each point for evidence, {got}"):
+            features_of("evidence", points, distance, evidence)
 
 
 @pytest.mark.parametrize("label_kind", ["heuristic", "true"])

@@ -11,7 +11,7 @@ from jaxmm.formats.units import UNITS
 from jaxmm.inputs import Misfit
 from jaxmm.verdicts.alignment import fitting_prior, lay
 from jaxmm.verdicts.priors import prior_of_building, prior_of_cloud, read_prior
-from jaxmm.verdicts.scan_frames import by_sight, own_scan
+from jaxmm.verdicts.scan_frames import by_sight, frame_that_fits, own_scan
 from jaxmm.verdicts.searched_scans import searched_scan
 from tests.cases.box_building import building_of
 from tests.verdicts.test_pose_search import INNER, ROOM, SPINNING, seen, turned
@@ -159,3 +159,40 @@ def test_a_search_tries_both_where_nothing_is_hidden():
     found = searched_scan(prior, scan, None, None)
     assert any("taken to be in the sensor's frame" in note for note in found.notes)
     np.testing.assert_allclose(found.position, position, atol=0.03)
+
+
+@pytest.mark.parametrize("to_map", [None, (155_000.0, 463_000.0)], ids=["own frame", "map grid"])
+def test_columns_in_which_northings_stand_first_are_told(own, to_map):
+    """A mirror image of the scan: no frame and no unit brings it onto the prior."""
+    building, shift = building_of((*ROOM, *INNER)), np.zeros(3)
+    if to_map is not None:
+        shift = np.array([*to_map, 0.0])
+        matrix = np.eye(4)
+        matrix[:3, 3] = shift
+        building = building._replace(to_map=matrix)
+    prior, points = prior_of_building(building), in_world(own) + shift
+    swapped = PointScan(points[:, [1, 0, 2]], None, None, ())
+    for pose in (None, GivenPose(PLACE, 35.0, -4.0, -3.0)):
+        told = frame_that_fits(prior, swapped, pose, None, None)
+        assert told == "with x and y swapped, as of columns in which northings stand first"
+        assert frame_that_fits(prior, swapped._replace(points=points), pose, None, None) == ""
+
+
+@pytest.mark.parametrize("frame", [None, "world", "sensor", "optical"])
+@pytest.mark.parametrize("pose", [None, GivenPose(PLACE, 35.0, -4.0, -3.0)], ids=["by the file", "given"])
+@pytest.mark.parametrize("moved", [False, True])
+def test_no_copy_of_a_scan_is_held_whatever_frame_it_is_in(own, frame, pose, moved):
+    """50 million points take a gigabyte."""
+    scan = untold(own)._replace(in_world=moved)
+    held = own_scan(scan, pose, frame)
+    assert all(one.points is own for one in held.ways())
+
+
+def test_a_searched_scan_is_no_copy_either():
+    prior = prior_of_building(building_of((*ROOM, *INNER)))
+    position, turn = np.array([0.3, -0.4, 1.1]), turned(50.0, 0.0, 0.0)
+    points = seen(prior, position, turn, SPINNING) @ OPTICAL * 1000.0
+    found = searched_scan(prior, PointScan(points, None, None, ()), "optical", None)
+    assert found.points is points
+    near = found.world(points)
+    assert np.abs(near - (points @ OPTICAL.T / 1000.0 @ turn.T + position)).max() < 0.05

@@ -1,6 +1,7 @@
 """Several files as one building: rays, places, storeys and elements of the whole, whatever the order of its files."""
 
 import itertools
+import zipfile
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from warp_scanner.buildings.frames import Read, moved
 from warp_scanner.buildings.model_files import model_of
 from warp_scanner.buildings.projects import named, read_model, together
 from warp_scanner.buildings.room_ifc import write_room
-from warp_scanner.scenes.building import Storeys, bounds, element_bounds
+from warp_scanner.scenes.building import Storeys, WithoutSurfacesError, bounds, element_bounds
 from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
 from warp_scanner.sensors.scan import Rays
@@ -168,8 +169,12 @@ def test_a_file_without_surfaces_is_named_and_left_out(tmp_path, count):
     (tmp_path / "alone").mkdir()
     for name in ("b.ifc", "d.ifc"):
         (tmp_path / "alone" / name).write_bytes((tmp_path / "b.ifc").read_bytes())
-    with pytest.raises(ValueError, match="with surfaces, found none"):
+    with pytest.raises(WithoutSurfacesError, match=r"b\.ifc: expected a building with surfaces, found none"):
         read_model(model_of(tmp_path / "alone"))
+    with zipfile.ZipFile(tmp_path / "e.ifczip", "w") as archive:
+        archive.write(tmp_path / "b.ifc", "b.ifc")
+    with pytest.raises(WithoutSurfacesError, match=r"e\.ifczip: expected a building with surfaces"):
+        read_model(model_of(tmp_path / "e.ifczip"))
 
 
 def test_why_a_file_has_no_surfaces_is_told(tmp_path):

@@ -37,6 +37,7 @@ from warp_scanner.scenes.building import (
     ReadOptions,
     Storeys,
     Whole,
+    WithoutSurfacesError,
     assemble,
 )
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
@@ -62,6 +63,8 @@ _CLASSES = (
     ("IfcRoof", CEILING),
     ("IfcFurnishingElement", FURNITURE),
 )
+
+_EMPTY = "without surfaces"  # the one word that is answered for a file of which nothing can be made
 
 
 class _Shape(NamedTuple):
@@ -89,7 +92,10 @@ def read_ifc(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
     with plain_file(path) as plain:
         check_text(plain)
         check_installed()
-        building = unpacked(kept_models.read(_parsed, plain, options))
+        found = kept_models.read(_parsed, plain, options)
+        if found.words.keys() == {_EMPTY}:
+            raise WithoutSurfacesError(str(plain), found.words[_EMPTY])
+        building = unpacked(found)
     table = building.elements._replace(file=(path.name,) * len(building.elements.guid))
     return building._replace(elements=table, wholes=tuple(one._replace(file=path.name) for one in building.wholes))
 
@@ -108,7 +114,11 @@ def reading_ahead(path: Path, options: ReadOptions = AS_IT_IS) -> AbstractContex
 
 
 def _parsed(path: Path, options: dict[str, Any]) -> Plain:
-    return packed(parse_ifc(path, ReadOptions(**options)))
+    """What goes from one process to another, where errors are words: what is no fault of the file is no error there."""
+    try:
+        return packed(parse_ifc(path, ReadOptions(**options)))
+    except WithoutSurfacesError as error:
+        return Plain({_EMPTY: error.why}, {})
 
 
 def parse_ifc(path: Path, options: ReadOptions) -> Building:

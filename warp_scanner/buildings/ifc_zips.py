@@ -9,6 +9,8 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
+from warp_scanner.scenes.building import WithoutSurfacesError
+
 IFC, ZIPPED = ".ifc", ".ifczip"
 SUFFIXES = (IFC, ZIPPED)
 # STEP text packs to a tenth or so; what unpacks to more than this, and is large, is made to fill memory or disk.
@@ -65,6 +67,8 @@ def plain_file(path: Path) -> Iterator[Path]:
         plain.write_bytes(text)
         try:
             yield plain
+        except WithoutSurfacesError as error:
+            raise WithoutSurfacesError(str(path), error.why) from error
         except ValueError as error:
             raise ValueError(str(error).replace(str(plain), str(path))) from error
 

@@ -17,7 +17,6 @@ from warp_scanner.buildings.twins import with_twins
 from warp_scanner.scenes.building import (
     AS_IT_IS,
     WITHOUT_STOREYS,
-    WITHOUT_SURFACES,
     Building,
     Elements,
     Failure,
@@ -26,6 +25,7 @@ from warp_scanner.scenes.building import (
     Storeys,
     Triangles,
     Whole,
+    WithoutSurfacesError,
     element_bounds,
     origin_of,
 )
@@ -65,19 +65,15 @@ def read_model(model: Model, options: ReadOptions = AS_IT_IS, read: Reader = rea
         for file in model.files:
             try:
                 files.append(found[file.name].result())
-            except BaseException as error:
+            except WithoutSurfacesError as error:
                 # A schedule, or a trade that has drawn nothing yet, is none of the others' business.
-                if isinstance(error, ValueError) and WITHOUT_SURFACES in str(error):
-                    empty[file.name] = error
-                    continue
+                empty[file.name] = error
+            except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise
     if not files:
         raise next(iter(empty.values()))
-    left_out = tuple(
-        f"{name} has no element with a surface{str(error).partition(WITHOUT_SURFACES)[2]}"
-        for name, error in empty.items()
-    )
+    left_out = tuple(f"{name} has no element with a surface{error.why}" for name, error in empty.items())
     if len(files) == 1:
         alone = Placed(files[0], np.eye(4))
         whole = alone.read.building._replace(sources=(_source(alone),))

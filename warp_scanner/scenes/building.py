@@ -159,8 +159,16 @@ class Found(NamedTuple):
 
 
 WITHOUT_STOREYS = "the file has no storeys: the floor of the bounding box stands for one"
-WITHOUT_SURFACES = "expected a building with surfaces, found none"
 NO_STOREYS = Storeys((), (), np.zeros(0))
+
+
+class WithoutSurfacesError(ValueError):
+    """A file that can be read, and has no element with a surface."""
+
+    def __init__(self, source: str, why: str):
+        """`source` is the name of the file; `why` is empty, or goes on behind it."""
+        super().__init__(f"{source}: expected a building with surfaces, found none{why}")
+        self.why = why
 
 
 def assemble(source: str, parts: list[Part], found: Found) -> Building:
@@ -172,8 +180,8 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
         found: the rest; without storeys the floor of the bounding box stands for one.
 
     Raises:
-        ValueError: no element with a surface; a vertex is NaN, infinite or beyond 1e9 m; a face names a vertex that
-            is not there.
+        WithoutSurfacesError: no element has one.
+        ValueError: a vertex is NaN, infinite or beyond 1e9 m; a face names a vertex that is not there.
     """
     for part in parts:
         _check_part(source, part)
@@ -185,7 +193,7 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
     solid = [part for part in solid if len(part.faces)]
     if not solid:
         why = f"; the first of {len(failures)} elements failed because {failures[0].reason}" if failures else ""
-        raise ValueError(f"{source}: {WITHOUT_SURFACES}{why}")
+        raise WithoutSurfacesError(source, why)
 
     low = np.array([part.vertices[part.faces].min(axis=(0, 1)) for part in solid])
     high = np.array([part.vertices[part.faces].max(axis=(0, 1)) for part in solid])
