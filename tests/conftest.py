@@ -8,17 +8,24 @@ import functools
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 
+import jaxmm  # noqa: F401 - says where kernels and programs are kept, which stay there below
+
 # Before JAX is imported, here and in every process that tests start: compiling takes longer than what is compiled.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-os.environ.setdefault("JAXMM_KEEP_MODELS", "0")  # what a reader makes of a file is tested, not what it once made
 if "PYTEST_XDIST_WORKER" in os.environ:  # two processes on two cores: threads of one would wait for those of the other
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+else:
+    # Models are kept for these tests alone: what the reader makes of a file is tested, not what it once made. Most are
+    # rooms of the same bytes, and a process that reads one takes a second.
+    kept = tempfile.TemporaryDirectory(prefix="jaxmm-models-")
+    os.environ["JAXMM_CACHE"] = kept.name
 
 TINY_RUN = """
 [data]

@@ -23,7 +23,7 @@ from jaxmm.objects.walls import KnownBuilding
 from jaxmm.rays.range_noise import Settled, settled
 from jaxmm.rays.scan_rays import PosedScan, drawn, overtaken
 from jaxmm.verdicts.results import PriorFile
-from warp_scanner.buildings.changes import Change, of_element
+from warp_scanner.buildings.changes import Change, of_elements
 from warp_scanner.buildings.files import read_building
 from warp_scanner.buildings.ifc_zips import is_ifc
 from warp_scanner.buildings.mesh_files import SUFFIXES
@@ -267,9 +267,7 @@ def distance_from(prior: Prior) -> Distance:
 def _known(building: Building, scene: TriangleScene) -> KnownBuilding:
     """Thicknesses of the walls, sections of the columns, and what stands upright."""
     semantic = building.elements.semantic
-    walls, columns = (
-        [of_element(building, int(row)) for row in np.flatnonzero(semantic == kind)] for kind in (WALL, PILLAR)
-    )
+    walls, columns = (of_elements(building, np.flatnonzero(semantic == kind)) for kind in (WALL, PILLAR))
     thickness = np.round([min(one.size[:2]) for one in walls], 3)
     rounded = [is_round(one.triangles.vertices) for one in columns]
     shafts = [shaft_size(one) for one in columns]

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from warp_scanner.buildings import pairs as building_pairs
-from warp_scanner.buildings.changes import of_element, removable
+from warp_scanner.buildings.changes import of_element, of_elements, removable
 from warp_scanner.buildings.files import read_building
 from warp_scanner.buildings.pairs import MISSING, BuildingPairConfig, make_building_pairs
 from warp_scanner.buildings.positions import draw_positions, element_around
@@ -152,6 +152,21 @@ def test_a_building_without_some_elements_keeps_the_others_in_order(hall):
         np.testing.assert_array_equal(ours.center, whole.center)
         np.testing.assert_array_equal(ours.size, whole.size)
     assert without(hall, np.zeros(0, int)).elements.guid == hall.elements.guid
+
+
+def test_elements_together_are_those_one_by_one(hall):
+    triangles, rng = hall.triangles, np.random.default_rng(0)
+    mixed = rng.permutation(len(triangles.faces))  # of a file that has an element's triangles here and there
+    other = hall._replace(triangles=triangles._replace(faces=triangles.faces[mixed], element=triangles.element[mixed]))
+    for building in (hall, other):
+        rows = rng.permutation(len(hall.elements.guid))
+        for row, one in zip(rows, of_elements(building, rows), strict=True):
+            alone = of_element(building, int(row))
+            for ours, expected in zip(one.triangles, alone.triangles, strict=True):
+                np.testing.assert_array_equal(ours, expected, strict=True)
+            assert one.semantic == alone.semantic and one.yaw == alone.yaw
+            np.testing.assert_array_equal(one.center, alone.center)
+            np.testing.assert_array_equal(one.size, alone.size)
 
 
 def test_nothing_changes_in_unchanged_pairs(hall):

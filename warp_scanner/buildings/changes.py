@@ -58,13 +58,24 @@ def removable(building: Building, semantic: int) -> np.ndarray:
 
 def of_element(building: Building, number: int) -> Change:
     """One of the building's own elements."""
-    own = building.triangles.element == number
-    used, faces = np.unique(building.triangles.faces[own], return_inverse=True)
-    vertices = building.triangles.vertices[used]
+    return _own(building, number, building.triangles.element == number)
+
+
+def of_elements(building: Building, numbers: np.ndarray) -> list[Change]:
+    """Several of the building's own elements; its triangles are looked through once."""
+    element = building.triangles.element
+    order = np.argsort(element, kind="stable")
+    first, end = (np.searchsorted(element[order], numbers, side) for side in ("left", "right"))
+    return [_own(building, number, order[one:other]) for number, one, other in zip(numbers, first, end, strict=True)]
+
+
+def _own(building: Building, number: int, own: np.ndarray) -> Change:
+    """One element, whose triangles are `own`."""
+    corners = building.triangles.faces[own]
+    used, faces = np.unique(corners, return_inverse=True)
+    vertices, faces = building.triangles.vertices[used], faces.reshape(-1, 3).astype(np.int32)
     semantic = building.triangles.semantic[number]
-    triangles = Triangles(
-        vertices, faces.reshape(-1, 3).astype(np.int32), np.zeros(own.sum(), np.int32), np.array([semantic], np.uint8)
-    )
+    triangles = Triangles(vertices, faces, np.zeros(len(corners), np.int32), np.array([semantic], np.uint8))
     return Change(triangles, *_upright_box(triangles), int(semantic))
 
 
