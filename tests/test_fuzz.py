@@ -1,4 +1,4 @@
-"""Two hundred damages to a valid file of every reader: each is read or refused in one line. `make fuzz` runs 10,000."""
+"""A hundred damages to a valid file of every reader: each is read or refused in one line. `make fuzz` runs 10,000."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from tests.cases.valid_files import MODELS, PRIORS, SCANS, crc32c
 from tests.cases.valid_inside import INSIDE
 from tests.fuzz import run
 
-COUNT = 200
+COUNT = 100
 LIBRARIES = {"bag": "rosbags", "pcd": "pypcd4", "e57": "pye57", "las": "laspy", "laz": "lazrs", "ifc": "ifcopenshell"}
 
 

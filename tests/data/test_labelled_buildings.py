@@ -37,6 +37,7 @@ FILES = (
     "xbim_House",
     "xbim_wall_door_column_4x3",
 )
+SHORT = ("IfcOpenHouse_IFC4", "duplex_A", "xbim_wall_door_column_4x3")  # small; the others tell the same at size
 
 
 def built(folder, parts) -> Building:
@@ -264,7 +265,9 @@ def test_refuses_what_the_building_lacks_and_wrong_settings(hall, tmp_path):
             BuildingPairConfig(**{name: value})
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in SHORT else pytest.mark.long) for name in FILES]
+)
 def test_every_real_file_yields_every_pair_that_it_can(real_building, name):
     building = real_building(name)
     scene = prepare(building.triangles)

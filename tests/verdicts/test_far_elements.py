@@ -88,7 +88,7 @@ def test_a_scan_all_of_whose_rays_are_there_stays_as_it_is_and_so_does_what_is_o
 @pytest.mark.parametrize(
     "sensor, known, sigma",
     [
-        (TLS, True, 0.0),
+        pytest.param(TLS, True, 0.0, marks=pytest.mark.long),
         (TLS, True, 0.002),
         pytest.param(TLS, False, 0.0, marks=pytest.mark.long),
         (OUSTER_64, True, 0.0),
