@@ -19,12 +19,13 @@ from jaxmm.verdicts.floor_levels import levels_at, levels_of
 from jaxmm.verdicts.placement import Passed
 from jaxmm.verdicts.priors import Prior
 from warp_scanner.clouds.neighbours import nearest
-from warp_scanner.clouds.sightlines import Predicted, Targets, look, sort_directions
+from warp_scanner.clouds.sightlines import Predicted, Targets, cells_of, look, sort_directions
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import TriangleScene, cast_triangles, clearance
 
 VOXEL = 0.1  # [m]
+FILLED = np.radians(0.6)  # between directions along which a prior is known; a scanner's rings may be farther apart
 LAYERS = 6  # of surfaces along a ray, those where it leaves something included
 BEYOND = 0.005  # [m] behind a surface, from where the next is looked for
 PASSES = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a surface passes through it
@@ -63,7 +64,7 @@ def surfaces_along(scene: TriangleScene, rays: ScanRays) -> np.ndarray:
     It is what a scan is registered to: were it only what is in sight, a wall that is gone would draw what is seen
     behind it to its place.
     """
-    direction, found = rays.pattern, []
+    direction, found = _between_rings_too(rays), []
     origin, last = np.tile(rays.position, (len(direction), 1)), np.full(len(direction), -1)
     start = rays.position[None]  # of all rays of the first layer, which are ten times as fast for it
     for _ in range(LAYERS):
@@ -79,6 +80,24 @@ def surfaces_along(scene: TriangleScene, rays: ScanRays) -> np.ndarray:
         origin = places + direction * BEYOND
         start = origin[None]
     return np.concatenate(found) if found else np.zeros((0, 3), np.float32)
+
+
+def _between_rings_too(rays: ScanRays) -> np.ndarray:
+    """The pattern (n, 3), and where its rays are far apart the directions above and below each of them, too.
+
+    Were the prior known along a scanner's few rings alone, neither it nor the scan would show how a floor lies on which
+    they are a step apart.
+    """
+    many = int(np.ceil(rays.spacing / FILLED))
+    if many <= 1:
+        return rays.pattern
+    azimuth = np.arctan2(rays.pattern[:, 1], rays.pattern[:, 0])
+    elevation = np.arcsin(np.clip(rays.pattern[:, 2], -1.0, 1.0))
+    steps = np.arange(-many, many + 1) * (rays.spacing / many)
+    up = np.clip(elevation + steps[:, None], -np.pi / 2, np.pi / 2).ravel()
+    level, turn = np.cos(up), np.tile(azimuth, len(steps))
+    filled = np.stack([level * np.cos(turn), level * np.sin(turn), np.sin(up)], axis=1).astype(np.float32)
+    return np.concatenate([rays.pattern, filled[np.unique(cells_of(filled, FILLED)[0], return_index=True)[1]]])
 
 
 def sight(prior: Prior, rays: ScanRays) -> Sighting:

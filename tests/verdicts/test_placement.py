@@ -18,7 +18,7 @@ from jaxmm.verdicts.placement import OF_CLOUDS, FitLimits, Passed, correction_of
 from jaxmm.verdicts.priors import prior_of_building
 from jaxmm.verdicts.settings import DetectSettings
 from tests.cases.box_building import building_of, scan_of, shell_of
-from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
+from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, sensor_named
 
 
 def room(scenario="wall_removed", number=5):
@@ -51,6 +51,15 @@ def test_a_scan_that_is_off_comes_back_and_one_that_is_not_stays(number):
     np.testing.assert_allclose(found.scan.position, scan.position, atol=0.03)
     assert found.turn == pytest.approx(1.0, abs=0.3) and found.overlap >= found.overlap_before
     np.testing.assert_allclose(found.scan.rotation, scan.rotation, atol=0.01)
+
+
+@pytest.mark.parametrize("off", [-0.15, -0.05, 0.05, 0.15])
+def test_a_floor_that_few_rings_cross_holds_the_height_of_a_spinning_scanner(off):
+    """From 0.05 m too high its rings meet the floor 0.2 m farther on than they did: where no other ring is near."""
+    boxes, place_of = shell_of(6.0, 5.0, 6.0), np.array([1.0, 0.5, 0.9])  # [m]; the ceiling is out of view
+    prior, scan = prior_of_building(building_of(boxes)), scan_of(boxes, place_of, sensor_named("velodyne-16")).scan
+    found = placed(prior, moved(scan, np.array([0.02, 0.01, off]), 0.5))
+    assert abs(found.scan.position[2] - place_of[2]) < 0.01 and not found.open
 
 
 @pytest.mark.parametrize("degrees", [0.0, 3.0])
