@@ -38,7 +38,7 @@ LEAST_POINTS = 1000  # of a view
 RIGHT = 0.03, 0.5  # [m], [deg]
 SPACING, REACH = 0.1, 1.0  # [m] of the peer's clouds, and within which it matches points
 FULL = {
-    "sensors": ("oak-d-pro-real", "ouster-64-real"),
+    "sensors": ("oak-d-pro-real", "velodyne-16-real", "ouster-64-real"),
     "scenes": ("unchanged", "wall_removed", "all_four"),
     "rooms": 10,
 }
