@@ -11,6 +11,7 @@ def without_elements(names: Sequence[str], building: Building) -> list[str]:
     """Those of some names, from `check_classes`, of which no element has a shape; wholes and twins count."""
     table = building.elements
     twins = {(one.ifc_class, one.semantic) for same in table.twins for one in same}
+    twins |= {(one.ifc_class, one.semantic) for whole in building.pieced for one in (whole.element, *whole.twins)}
     wholes = {one.ifc_class for one in building.wholes if not set(one.parts).isdisjoint(table.guid)}
     return [
         name

@@ -38,12 +38,14 @@ def share_of(detection: Detection, source: Source, added: dict[int, str]) -> Sha
     twins = {key: one for one in own.values() for key in one.same_as}
     mismatches = []
     for number, one in enumerate(detection.mismatches):
-        element = own.get(one.key) or twins.get(one.key)
+        found = [own.get(key) or twins.get(key) for key in (one.key, *one.pieces)]
+        here = [each for each in found if each is not None]
         if one.mismatch_type == "added" and added.get(number) != source.file:
             one = one._replace(mismatch_type=ELSEWHERE)
         elif one.mismatch_type == "removed":
             other = one._replace(mismatch_type=ELSEWHERE)
-            one = other if element is None else one._replace(element=element.guid, file=element.file)
+            pieces = tuple(each.key for each in here[1:])
+            one = one._replace(element=here[0].guid, file=here[0].file, pieces=pieces) if here else other
         mismatches.append(one)
     return Share(tuple(mismatches), tuple(own.values()), detection.scans, detection.doubts, detection.drawing)
 

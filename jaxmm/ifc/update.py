@@ -112,7 +112,7 @@ class _Update:
         for number, one in enumerate(self.detection.mismatches, 1):
             if one.mismatch_type != "removed":
                 continue
-            for guid in self._pieces(one):
+            for guid in (one.element, *(guid for _, guid in one.pieces)):
                 element = self._find(guid, f"mismatch {number}, a removed {one.object_type},")
                 if element is None or guid in self.removed:
                     continue
@@ -230,11 +230,6 @@ class _Update:
         else:
             return found[0]
         return None
-
-    def _pieces(self, one: Mismatch) -> list[str | None]:
-        """GlobalIds of all that the file has of an element: of what another file has whole, its pieces."""
-        told = self._verdicts.get(one.element)
-        return [one.element, *(guid for file, guid in (told.same_as if told else ()) if file == told.file)]
 
     def _origin(self, one: Mismatch) -> str | None:
         """GlobalId of the element that an added one seems to have been."""

@@ -34,15 +34,17 @@ MOST_THINGS = 20  # with a topic each, those with most points; unexplained.csv h
 
 
 def removed_boxes(detection: Detection) -> list[tuple[ElementVerdict, Mismatch]]:
-    """Removed elements that are no mismatch, once each, with the box around each; of such as have a shape."""
+    """Removed elements that are no mismatch, and no part of a removed one, once each, with the box around each."""
     told = {one.key for one in detection.mismatches}
+    removed = [one for one in once(detection.elements) if one.verdict == REMOVED and one.box is not None]
+    wholes = {one.key for one in removed if one.parts}
     return [
         (one, Mismatch(
             one.ifc_class or "element", REMOVED, np.asarray(one.box.center, np.float64),
             np.asarray(one.box.dimensions, np.float64), one.box.rotation, one.probability, one.guid, file=one.file,
         ))
-        for one in once(detection.elements)
-        if one.verdict == REMOVED and one.box is not None and told.isdisjoint((one.key, *one.same_as))
+        for one in removed
+        if told.isdisjoint((one.key, *one.same_as)) and wholes.isdisjoint(one.part_of)
     ]  # fmt: skip
 
 

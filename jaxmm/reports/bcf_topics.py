@@ -134,7 +134,11 @@ def element_words(told: ElementVerdict) -> str:
     words = [one_line(told.ifc_class), f'"{one_line(told.name)}"' if told.name else "", one_line(told.guid)]
     words.append(f'storey "{one_line(told.storey)}"' if told.storey else "")
     words.append(f"file {one_line(told.file)}" if told.file else "")
-    same = "".join(f" The same as {one_line(guid)} of {one_line(file)}." for file, guid in told.same_as)
+    same = "".join(
+        f" {what} {one_line(guid)} of {one_line(file)}."
+        for what, keys in (("The same as", told.same_as), ("A part of", told.part_of), ("Gone of it:", told.parts_gone))
+        for file, guid in keys
+    )
     return f"Element of the model: {', '.join(word for word in words if word)}.{same}"
 
 
@@ -157,7 +161,8 @@ def files_about(mismatch: Mismatch, detection: Detection) -> tuple[tuple[str, st
     if prior is None:
         return ()
     told = next((one for one in detection.elements if one.key == mismatch.key), None)
-    names = {mismatch.file, *(file for file, _ in told.same_as)} if told else {mismatch.file}
+    of_file = (*told.same_as, *told.parts_gone) if told else ()
+    names = {mismatch.file, *(file for file, _ in of_file)}
     files = tuple(one for one in prior.sources if one.file in names) or prior.sources or (prior,)
     return tuple((one.file, one.project) for one in files)
 

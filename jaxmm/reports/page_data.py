@@ -99,11 +99,16 @@ def _keys(detection: Detection) -> dict[str, Any]:
     """What the page calls elements: by GlobalId, and of those that several files have by file, too.
 
     `key` of each that is drawn, `element_key` of each that has a verdict, `mismatch_key` of the element of each
-    mismatch; `twins` are what is drawn as another: [key, index of that].
+    mismatch; `twins` are what is drawn as another: [key, index of that]; `pieced` what is drawn as its pieces: [key,
+    index of the first].
     """
     rows = detection.drawing.rows()
     drawn = {row: key for key, row in rows.items()}  # the own key of each comes last
-    known = {*rows, *(one.key for one in detection.elements)}
+    known = {
+        *rows,
+        *(one.key for one in detection.elements),
+        *(key for keys, _ in detection.drawing.pieced for key in keys),
+    }
     count = Counter(guid for _, guid in known)
 
     def named(key: Key) -> str:
@@ -116,6 +121,12 @@ def _keys(detection: Detection) -> dict[str, Any]:
         "element_key": [named(one.key) for one in detection.elements],
         "mismatch_key": [None if one.element is None else named(one.key) for one in detection.mismatches],
         "twins": [[named(key), row] for key, row in rows.items() if key != own[row]],
+        "pieced": [
+            [named(key), shown[0]]
+            for keys, _ in detection.drawing.pieced
+            for key in keys
+            if (shown := detection.drawing.rows_of(key))
+        ],
     }
 
 
@@ -212,8 +223,8 @@ def _as_bytes(probability: np.ndarray) -> np.ndarray:
 
 
 def _mismatched(detection: Detection) -> np.ndarray:
-    rows = detection.drawing.rows()
-    return np.array(sorted({rows[one.key] for one in detection.mismatches if one.key in rows}), int)
+    rows = {row for one in detection.mismatches for row in detection.drawing.rows_of(one.key)}
+    return np.array(sorted(rows), int)
 
 
 def _told(drawing: Drawing, shown: tuple[int, int, int]) -> list[str]:

@@ -45,7 +45,7 @@ WORST_COLUMNS = ("guid", "ifc_class", "name", "storey", "verdict", "in_words", *
 ELEMENT_COLUMNS = (
     "guid", "ifc_class", "name", "storey", "verdict", "probability_removed", "prior_points",
     *(f"rays_{name}" for name in FRACTIONS), *(f"next_view_{name}" for name in POSITION), "next_view_yaw [deg]",
-    "next_view_pitch [deg]", *DEVIATION_COLUMNS, "file", "same_as",
+    "next_view_pitch [deg]", *DEVIATION_COLUMNS, "file", "same_as", "parts_gone",
 )  # fmt: skip
 UNEXPLAINED_COLUMNS = (
     "number", *(f"center_{name}" for name in POSITION), *(f"dimension_{name}" for name in POSITION), "rotation [deg]",
@@ -99,14 +99,14 @@ def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
 def elements_csv(elements: Iterable[ElementVerdict]) -> str:
     """A row for each element that has a verdict, in the manner of `mismatches_csv`.
 
-    `same_as` names those of other files that are the same, a `;` between two.
+    `same_as` names those of other files that are the same, `parts_gone` its removed parts, a `;` between two.
     """
     rows = []
     for one in elements:
         rows.append([
             one.guid, one.ifc_class, one.name, one.storey, one.verdict, told_probability(one.probability), one.points,
             *one.rays, *(one.next_view or [None] * 5), *_deviation(one.deviation), one.file,
-            "; ".join(f"{guid} of {file}" for file, guid in one.same_as) or None,
+            *("; ".join(f"{guid} of {file}" for file, guid in keys) or None for keys in (one.same_as, one.parts_gone)),
         ])  # fmt: skip
     return as_csv(ELEMENT_COLUMNS, rows)
 

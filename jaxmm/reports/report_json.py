@@ -32,7 +32,7 @@ def _mismatch(one: Mismatch) -> dict[str, Any]:
     told = one._asdict() | {"probability": told_probability(one.probability)}
     if one.type_probability is not None:
         told["type_probability"] = told_probability(one.type_probability)
-    del told["told_by"], told["standing"], told["shaft"]
+    del told["told_by"], told["standing"], told["shaft"], told["pieces"]
     return _plain(told)
 
 
@@ -40,7 +40,8 @@ def _element(one: ElementVerdict) -> dict[str, Any]:
     evidence = {"points": one.points} | dict(zip(FRACTIONS, one.rays, strict=True))
     told = one._asdict()
     del told["points"], told["rays"]
-    told["same_as"] = [{"file": file, "guid": guid} for file, guid in one.same_as]
+    for name in ("same_as", "parts", "parts_gone", "part_of"):
+        told[name] = [{"file": file, "guid": guid} for file, guid in told[name]]
     if one.deviation is not None:
         deviation = one.deviation._asdict()
         for private in PRIVATE:

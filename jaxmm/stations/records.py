@@ -50,7 +50,7 @@ from jaxmm.verdicts.scan_frames import Motion, OwnScan
 from jaxmm.verdicts.standing_alone import Alone
 from jaxmm.verdicts.station_steps import Judged, Shown, Stood
 from jaxmm.verdicts.verdicts import Told
-from warp_scanner.scenes.building import Building, Elements, Failure, Source, Storeys, Triangles, Twin, Whole
+from warp_scanner.scenes.building import Building, Elements, Failure, Pieced, Source, Storeys, Triangles, Twin, Whole
 from warp_scanner.sensors.imperfections import Imperfections
 from warp_scanner.sensors.sensors import Pinhole, Spinning
 
@@ -58,8 +58,8 @@ KINDS = {
     kind.__name__: kind
     for kind in (
         Again, Alone, Beside, Building, Elements, Faces, Failure, Fit, Frame, GivenPose, Heights, Held,
-        Imperfections, Judged, KnownBuilding, Looked, Motion, NamedScan, OwnElements, OwnScan, Past, Patches, Pinhole,
-        Placed, PointScan, PoseError, PosedScan, Prior, PriorFile, Says, ScanRays, ScanSource, Seen, Shown, Side,
+        Imperfections, Judged, KnownBuilding, Looked, Motion, NamedScan, OwnElements, OwnScan, Past, Patches, Pieced,
+        Pinhole, Placed, PointScan, PoseError, PosedScan, Prior, PriorFile, Says, ScanRays, ScanSource, Seen, Shown, Side,
         Source, Spinning, Station, Stood, Storeys, Taken, Telling, Told, Triangles, Twin, Uprights, View, Whole,
     )
 }  # fmt: skip

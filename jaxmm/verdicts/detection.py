@@ -51,7 +51,17 @@ from jaxmm.verdicts.station_steps import (
     past_of,
     telling_station,
 )  # fmt: skip
-from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED, UNSCANNED, VERDICTS, Told, Verdict, retold, verdicts_of
+from jaxmm.verdicts.verdicts import (
+    OCCLUDED,
+    REMOVED,
+    UNSCANNED,
+    VERDICTS,
+    Told,
+    Verdict,
+    of_pieced,
+    retold,
+    verdicts_of,
+)
 from jaxmm.verdicts.wholes import telling_of, wholes_of
 from warp_scanner.scenes.scenes import DOOR
 from warp_scanner.sensors.triangles import clearance
@@ -183,10 +193,12 @@ def _verdicts(told: list[Told], stands: AsBuilt, settings: DetectSettings, telli
 
 
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:
-    """The verdicts, with those of all other classes left open."""
+    """The verdicts, with those of all other classes left open, but for pieces of what is asked for."""
     if verdicts is None:
         return None
     wanted = settings.asked(prior.building.elements)
+    for whole, rows, _ in of_pieced(prior.building, verdicts, settings.verdicts.change_prior):
+        wanted[rows] |= settings.asks_for(whole.element.ifc_class, whole.element.semantic)
     return [one if mine else one._replace(verdict=OCCLUDED) for one, mine in zip(verdicts, wanted, strict=True)]
 
 

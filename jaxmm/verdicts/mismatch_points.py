@@ -14,8 +14,8 @@ from jaxmm.learning.prediction import Side
 from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.verdicts.priors import Prior
-from jaxmm.verdicts.results import Detection, Drawing, Mismatch
-from warp_scanner.scenes.building import Triangles
+from jaxmm.verdicts.results import Detection, Drawing, Key, Mismatch
+from warp_scanner.scenes.building import Building, Triangles, Twin
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import Pinhole
 from warp_scanner.sensors.triangles import cast_triangles, clearance, prepare
@@ -43,12 +43,11 @@ def mismatch_points(detection: Detection) -> MismatchPoints:
     """
     drawing = detection.drawing
     robot, prior = (np.full(len(points), -1, np.int32) for points in (drawing.robot, drawing.prior))
-    row_of = drawing.rows()
     for index, one in enumerate(detection.mismatches):
         if one.mismatch_type == "added":
             robot[inside(one, drawing.robot, drawing.origin) & (drawing.robot_evidence != SUPPORT)] = index
-        elif one.key in row_of:
-            prior[drawing.prior_element == row_of[one.key]] = index
+        elif rows := drawing.rows_of(one.key):
+            prior[np.isin(drawing.prior_element, rows)] = index
         else:
             prior[inside(one, drawing.prior, drawing.origin) & (drawing.prior_evidence == THROUGH)] = index
     unexplained = np.zeros(len(robot), bool)
@@ -125,8 +124,16 @@ def drawing_of(prior: Prior, drawn: Sequence[tuple[Side, Side]], scans: Sequence
         table.guid if table else (),
         *((triangles.vertices, triangles.faces, triangles.element) if triangles is not None else (None, None, None)),
         tuple(_corners(one) for one in scans),
-        *((table.file, tuple(tuple((one.file, one.guid) for one in own) for own in table.twins)) if table else ()),
+        *((table.file, tuple(map(_keys, table.twins)), _pieced(prior.building)) if table else ()),
     )  # fmt: skip
+
+
+def _keys(elements: Sequence[Twin]) -> tuple[Key, ...]:
+    return tuple((one.file, one.guid) for one in elements)
+
+
+def _pieced(building: Building) -> tuple[tuple[tuple[Key, ...], tuple[Key, ...]], ...]:
+    return tuple((_keys((one.element, *one.twins)), one.pieces) for one in building.pieced)
 
 
 def _told_points(side: Side, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -24,9 +24,9 @@ from jaxmm.verdicts.priors import Prior, shaft_size
 from jaxmm.verdicts.results import Mismatch
 from jaxmm.verdicts.scan_fusion import Visits, fused
 from jaxmm.verdicts.settings import DetectSettings
-from jaxmm.verdicts.standing_alone import Alone
-from jaxmm.verdicts.verdicts import REMOVED, Verdict
-from warp_scanner.buildings.changes import of_element
+from jaxmm.verdicts.standing_alone import Alone, all_of
+from jaxmm.verdicts.verdicts import REMOVED, Verdict, of_pieced
+from warp_scanner.buildings.changes import joint_change, of_element
 from warp_scanner.clouds.sightlines import cells_of
 from warp_scanner.scenes.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.sensors.scan import Rays as Casts
@@ -74,7 +74,9 @@ def mismatches_of(
         alone: what each scan says of some elements, one by one; None: found here.
     """
     if verdicts is not None and settings.preset != "thesis":
-        gone = _gone(prior, verdicts, alone or (lambda rows: [alone_of(prior, one.rays, rows) for one in looked]))
+        gone = _gone(
+            prior, verdicts, settings, alone or (lambda rows: [alone_of(prior, one.rays, rows) for one in looked])
+        )
         is_gone = np.array([one.verdict == REMOVED for one in verdicts], bool)
         prior = prior._replace(known=prior.known._replace(gone=is_gone))
     else:
@@ -101,30 +103,45 @@ def alone_of(prior: Prior, rays: ScanRays, rows: list[int]) -> list[Alone]:
 
 
 def _gone(
-    prior: Prior, verdicts: list[Verdict], alone_of_rows: Callable[[list[int]], list[list[Alone]]]
+    prior: Prior,
+    verdicts: list[Verdict],
+    settings: DetectSettings,
+    alone_of_rows: Callable[[list[int]], list[list[Alone]]],
 ) -> list[Mismatch]:
-    """The walls and columns whose verdict is removed, with their own boxes."""
-    building, found = prior.building, []
-    semantic = building.elements.semantic
-    rows = [row for row, one in enumerate(verdicts) if one.verdict == REMOVED and int(semantic[row]) in KINDS]
+    """The walls and columns whose verdict is removed, with their own boxes; what is gone in all its pieces, as one."""
+    table, semantic, things = prior.building.elements, prior.building.elements.semantic, []
+    in_whole: set[int] = set()
+    for whole, pieces, verdict in of_pieced(prior.building, verdicts, settings.verdicts.change_prior):
+        one = whole.element
+        if verdict.verdict == REMOVED and one.semantic in KINDS and settings.asks_for(one.ifc_class, one.semantic):
+            gone = [row for row in pieces if verdicts[row].verdict == REMOVED]
+            things.append(((one.file, one.guid), gone, verdict, joint_change(prior.building, whole, pieces)))
+            in_whole.update(gone)
+    for row, verdict in enumerate(verdicts):
+        if verdict.verdict == REMOVED and int(semantic[row]) in KINDS and row not in in_whole:
+            things.append(((table.file[row], table.guid[row]), [row], verdict, of_element(prior.building, row)))
+    rows = [row for _, own, _, _ in things for row in own]
     if not rows:
         return []
-    for row, *alone in zip(rows, *alone_of_rows(rows), strict=True):
-        kind, verdict = KINDS[int(semantic[row])], verdicts[row]
-        change = of_element(building, row)
+    scans, found = alone_of_rows(rows), []
+    alone = {row: [of_scan[number] for of_scan in scans] for number, row in enumerate(rows)}
+    for (file, guid), own, verdict, change in things:
+        kind = KINDS[change.semantic]
         box = Box(kind, change.center.astype(np.float64), change.size.astype(np.float64), float(change.yaw))
         box = box._replace(probability=verdict.probability)
         if kind == "pillar" and is_round(change.triangles.vertices):
             box = box._replace(shape="round", rotation=0.0)
         told = verdict.rays[THROUGH] + verdict.rays[SUPPORT]
-        standing = max(verdict.rays[SUPPORT] / max(told, 1), *(one.standing for one in alone))
+        each = [all_of(parts) for parts in zip(*(alone[row] for row in own), strict=True)]
+        standing = max(verdict.rays[SUPPORT] / max(told, 1), *(one.standing for one in each))
         found.append(
-            _mismatch(prior, box, "removed", alone)._replace(
-                element=building.elements.guid[row],
-                file=building.elements.file[row],
+            _mismatch(prior, box, "removed", each)._replace(
+                element=guid,
+                file=file,
                 type_probability=1.0,
                 standing=standing,
                 shaft=shaft_size(change) if kind == "pillar" else None,
+                pieces=() if own[0] not in in_whole else tuple((table.file[row], table.guid[row]) for row in own),
             )
         )
     return found

@@ -58,6 +58,7 @@ class Mismatch(NamedTuple):
     standing: float = 0.0  # share of the rays that tell of a removed element, that end on it; not in report.json
     shaft: np.ndarray | None = None  # (2,) [m] edges of a removed column halfway up; not in report.json
     file: str | None = None  # that the prior's element is of
+    pieces: tuple[Key, ...] = ()  # of a removed one that another file has in pieces: those removed; not in report.json
 
     @property
     def key(self) -> Key:
@@ -80,7 +81,10 @@ class ElementVerdict(NamedTuple):
     deviation: Deviation | None = None  # how far off its place it stands; None where no face of it tells
     box: UprightBox | None = None  # around it, where the model has it; None where nobody asked
     file: str = ""  # that it is of; empty where the prior came as arrays
-    same_as: tuple[Key, ...] = ()  # the same elsewhere, or its pieces: one verdict for all
+    same_as: tuple[Key, ...] = ()  # the same in other files: one verdict for all
+    parts: tuple[Key, ...] = ()  # that it is put together from, or that another file has it in
+    parts_gone: tuple[Key, ...] = ()  # of these, those that are removed
+    part_of: tuple[Key, ...] = ()  # what it is a part of, of what is asked for
 
     @property
     def key(self) -> Key:
@@ -129,14 +133,21 @@ class Drawing(NamedTuple):
     fields_of_view: tuple[np.ndarray, ...]  # of each scan: (4, 3) or (0, 3) float32, unit vectors of a camera's corners
     file: tuple[str, ...] = ()  # (E,) of every element; empty where the prior came as arrays
     twins: tuple[tuple[Key, ...], ...] = ()  # (E,) the same elements in other files, which have no surface of their own
+    pieced: tuple[tuple[tuple[Key, ...], tuple[Key, ...]], ...] = ()  # the same of what has pieces, and these
 
     def corners(self, key: Key) -> np.ndarray | None:
         """(n, 3) float64 [m] offsets of the corners of an element's triangles; None of one without any."""
-        row = self.rows().get(key)
-        if self.faces is None or row is None:
+        rows = self.rows_of(key)
+        if self.faces is None or not rows:
             return None
-        used = self.faces[self.face_element == row]
+        used = self.faces[np.isin(self.face_element, rows)]
         return self.vertices[used].reshape(-1, 3).astype(np.float64) if len(used) else None
+
+    def rows_of(self, key: Key) -> list[int]:
+        """Indices into `guid` of all that shows an element: itself, what is the same elsewhere, or its pieces."""
+        rows = self.rows()
+        keys = next((pieces for wholes, pieces in self.pieced if key in wholes), (key,))
+        return [rows[one] for one in keys if one in rows]
 
     def rows(self) -> dict[Key, int]:
         """Index into `guid` of every element, and of what is the same in other files."""
@@ -238,7 +249,13 @@ def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, .
         f"{_named(one)} ({one.guid}) is told to be present, but {_passed(one):.0%} of the rays that tell of it pass "
         "through its place: a part of it may be gone"
         for one in once(elements)
-        if one.verdict == PRESENT and one.rays[0] >= LEAST_THROUGH and _passed(one) >= GONE
+        if one.verdict == PRESENT and one.rays[0] >= LEAST_THROUGH and _passed(one) >= GONE and not one.parts_gone
+    ]
+    parts = [
+        f"{_named(one)} ({one.guid}): a part of it is gone: "
+        + "; ".join(_first([f"{_named(known.get(key))} ({key[1]})" for key in one.parts_gone], "parts"))
+        for one in once(elements)
+        if one.parts_gone and one.verdict != REMOVED
     ]
     passed = [
         f"{_named(one)} ({one.guid}) is told to be occluded: rays pass through its place, as through glass or where a "
@@ -251,6 +268,7 @@ def notes_on(mismatches: tuple[Mismatch, ...], elements: tuple[ElementVerdict, .
     return (
         *nothing_present(elements),
         *_first(stands, "removed elements a part may stand, too"),
+        *_first(parts, "elements a part is gone, too"),
         *_first(holes, "present elements a part may be gone, too"),
         *_first(passed, "occluded elements rays pass, too"),
     )

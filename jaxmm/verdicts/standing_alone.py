@@ -38,6 +38,11 @@ class Alone(NamedTuple):
         return self.deny / max(self.tell + self.deny, 1)
 
 
+def all_of(parts: Sequence[Alone]) -> Alone:
+    """What is said of several elements as one."""
+    return Alone(*(sum(counts) for counts in zip(*parts, strict=True)))
+
+
 def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
     """An element of the prior that is held for removed: rays beyond it tell, rays that end right on it deny."""
     only = np.arange(len(scene.triangles.semantic)) == element

@@ -6,6 +6,7 @@ points of one scan of the prior.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from jaxmm.classes.telling_rays import Telling
 from jaxmm.config import bounded
 from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN
+from warp_scanner.scenes.building import Building, Pieced, rows_by_key
 
 PRESENT, DISPLACED, REMOVED, OCCLUDED, UNSCANNED = VERDICTS = (
     "present", "displaced", "removed", "occluded", "unscanned",
@@ -143,6 +145,35 @@ def retold(verdicts: list[Verdict], telling: list[Telling], settings: VerdictSet
             found[row] = one._replace(verdict=PRESENT, probability=min(one.probability, share))
         elif before == REMOVED:
             found[row] = one._replace(verdict=OCCLUDED, probability=settings.change_prior)
+    return found
+
+
+def of_parts(parts: Sequence[Verdict], change_prior: float) -> Verdict:
+    """The verdict of a whole by those of its parts, at least one; points and rays are of all of them together.
+
+    It stands off its place if all do that can be told. P(removed) is that of the part which stands most surely: were
+    another as sure, the whole would be no likelier gone.
+    """
+    seen = [one for one in parts if one.verdict in (PRESENT, DISPLACED, REMOVED)]
+    if seen:
+        verdict = seen[0].verdict if len({one.verdict for one in seen}) == 1 else PRESENT
+        probability = min(one.probability for one in seen)
+    else:
+        verdict = OCCLUDED if any(one.verdict == OCCLUDED for one in parts) else UNSCANNED
+        probability = change_prior
+    rays = np.sum([one.rays for one in parts], axis=0)
+    return Verdict(verdict, probability, sum(one.points for one in parts), tuple(int(value) for value in rays))
+
+
+def of_pieced(
+    building: Building, verdicts: Sequence[Verdict], change_prior: float
+) -> list[tuple[Pieced, list[int], Verdict]]:
+    """Each element that another file has in pieces, with rows of these and its verdict by theirs (E of them)."""
+    row_of, found = rows_by_key(building.elements), []
+    for whole in building.pieced:
+        rows = [row_of[key] for key in whole.pieces if key in row_of]
+        if rows:
+            found.append((whole, rows, of_parts([verdicts[row] for row in rows], change_prior)))
     return found
 
 

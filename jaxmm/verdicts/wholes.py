@@ -1,6 +1,7 @@
 """Verdicts of any class: by rays that nothing else explains, and of what is put together from elements by its parts.
 
-Such are a stair of flights, a roof of slabs, a facade of plates and members. E elements. A whole is gone only if all of
+Such are a stair of flights, a roof of slabs, a facade of plates and members, and one trade's wall that another has in
+pieces. E elements. A whole is gone only if all of
 its parts that can be told of are; where one stands, something of it does.
 """
 
@@ -10,12 +11,14 @@ import numpy as np
 
 from jaxmm.classes.selection import is_of
 from jaxmm.classes.telling_rays import Telling
+from jaxmm.learning.element_boxes import UprightBox
 from jaxmm.verdicts.behind_removed import gone_of
 from jaxmm.verdicts.mismatches import KINDS
 from jaxmm.verdicts.priors import Prior
-from jaxmm.verdicts.results import ElementVerdict
+from jaxmm.verdicts.results import ElementVerdict, Key, Pose
 from jaxmm.verdicts.settings import DetectSettings
-from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, UNSCANNED, Verdict
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, Verdict, of_parts, of_pieced
+from warp_scanner.scenes.building import rows_by_key
 
 Ask = Callable[[np.ndarray, np.ndarray], list[Telling]]
 
@@ -39,16 +42,16 @@ def telling_of(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSet
 def wholes_of(
     prior: Prior, verdicts: list[Verdict], elements: tuple[ElementVerdict, ...], settings: DetectSettings
 ) -> tuple[ElementVerdict, ...]:
-    """The verdicts of elements that are asked for, those of wholes by their parts.
+    """The verdicts of elements that are asked for, those of wholes by their parts, which name each other.
 
     Args:
         prior: a building.
         verdicts: of all its elements, parts that nobody asks for, too.
         elements: those that are asked for, by themselves.
-        settings: who is asked for. Wholes have a class of IFC and none of ours.
+        settings: who is asked for. Wholes have a class of IFC and none of ours, but for what is in pieces elsewhere.
     """
     table, storeys = prior.building.elements, prior.building.storeys
-    row_of = {key: row for row, key in enumerate(zip(table.file, table.guid, strict=True))}
+    row_of = rows_by_key(table)
     own = {one.key: one for one in elements}
     for whole in prior.building.wholes:
         key, *parts = ((whole.file, guid) for guid in (whole.guid, *whole.parts))
@@ -56,31 +59,46 @@ def wholes_of(
         if not rows or not (key in own or is_of(settings.classes, whole.ifc_class)):
             continue
         told = of_parts([verdicts[row] for row in rows], settings.verdicts.change_prior)
-        views = [own[one].next_view for one in parts if one in own and own[one].next_view is not None]
-        view = views[0] if told.verdict == OCCLUDED and views else None
-        if key in own:
+        mine = own.get(key)
+        if told.verdict == DISPLACED or (mine and mine.verdict == DISPLACED):
             # Of what has a body itself, that it stands off its place is known of it, and of no part.
-            mine = own[key]
-            told = told._replace(verdict=DISPLACED) if mine.verdict == DISPLACED else told
-            view = mine.next_view if mine.next_view and told.verdict == OCCLUDED else view
+            told = told._replace(verdict=DISPLACED if mine and mine.verdict == DISPLACED else PRESENT)
+        view = _view(own, (key, *parts)) if told.verdict == OCCLUDED else None
+        if mine:
             own[key] = mine._replace(**told._asdict(), next_view=view)
-            continue
-        storey = storeys.name[whole.storey] if whole.storey >= 0 else ""
-        own[key] = ElementVerdict(whole.guid, whole.ifc_class, whole.name, storey, *told, view, file=whole.file)
+        else:
+            storey = storeys.name[whole.storey] if whole.storey >= 0 else ""
+            own[key] = ElementVerdict(whole.guid, whole.ifc_class, whole.name, storey, *told, view, file=whole.file)
+        _name(own, [key], {one: verdicts[row_of[one]] for one in parts if one in row_of})
+    for whole, rows, told in of_pieced(prior.building, verdicts, settings.verdicts.change_prior):
+        each = [one for one in (whole.element, *whole.twins) if settings.asks_for(one.ifc_class, one.semantic)]
+        keys = [(one.file, one.guid) for one in each]
+        measured = [own[key].deviation for key in whole.pieces if key in own and own[key].deviation is not None]
+        stands = max(measured, key=lambda one: one.rays, default=None) if told.verdict == DISPLACED else None
+        if told.verdict == DISPLACED and stands is None:
+            told = told._replace(verdict=PRESENT)
+        view = _view(own, whole.pieces) if told.verdict == OCCLUDED else None
+        box = UprightBox(whole.center, whole.size, (whole.yaw + 90.0) % 180.0 - 90.0).shifted(prior.origin)
+        for number, (one, key) in enumerate(zip(each, keys, strict=True)):
+            storey = storeys.name[one.storey] if one.storey >= 0 else ""
+            own[key] = ElementVerdict(
+                one.guid, one.ifc_class, one.name, storey, *told, view, stands, box, one.file,
+                (*keys[:number], *keys[number + 1 :]),
+            )  # fmt: skip
+        here = [key for key in whole.pieces if key in row_of]
+        _name(own, keys, {key: verdicts[row] for key, row in zip(here, rows, strict=True)})
     return tuple(own.values())
 
 
-def of_parts(parts: Sequence[Verdict], change_prior: float) -> Verdict:
-    """The verdict of a whole by those of its parts, at least one; points and rays are of all of them together.
+def _view(own: dict[Key, ElementVerdict], keys: Sequence[Key]) -> Pose | None:
+    """The first view to take next, of some elements."""
+    return next((own[key].next_view for key in keys if key in own and own[key].next_view is not None), None)
 
-    P(removed) is that of the part which stands most surely: were another as sure, the whole would be no likelier gone.
-    """
-    seen = [one for one in parts if one.verdict in (PRESENT, DISPLACED, REMOVED)]
-    if seen:
-        verdict = REMOVED if all(one.verdict == REMOVED for one in seen) else PRESENT
-        probability = min(one.probability for one in seen)
-    else:
-        verdict = OCCLUDED if any(one.verdict == OCCLUDED for one in parts) else UNSCANNED
-        probability = change_prior
-    rays = np.sum([one.rays for one in parts], axis=0)
-    return Verdict(verdict, probability, sum(one.points for one in parts), tuple(int(value) for value in rays))
+
+def _name(own: dict[Key, ElementVerdict], wholes: Sequence[Key], parts: dict[Key, Verdict]) -> None:
+    """Write what is of what into the verdicts of wholes and of their parts, as far as they are asked for."""
+    gone = tuple(key for key, one in parts.items() if one.verdict == REMOVED)
+    for key in wholes:
+        own[key] = own[key]._replace(parts=tuple(parts), parts_gone=gone)
+    for key in (same for part in parts if part in own for same in (part, *own[part].same_as)):
+        own[key] = own[key]._replace(part_of=(*own[key].part_of, *wholes))

@@ -18,7 +18,7 @@ from jaxmm.weeks.reports import SAME, Key, Week
 from warp_scanner.buildings import projects
 from warp_scanner.buildings.ifc_zips import is_ifc, plain_file
 from warp_scanner.buildings.model_files import model_of
-from warp_scanner.scenes.building import Building
+from warp_scanner.scenes.building import Building, rows_by_key
 
 
 class Model(NamedTuple):
@@ -50,8 +50,12 @@ def read_model(paths: Sequence[Path], weeks: Sequence[Week]) -> Model:
         building = projects.read_model(files)
     except (ValueError, ImportError) as error:
         raise InputError(str(error)) from error
-    keys, own = {guid for week in weeks for _, guid in week.elements}, {guid for _, guid in _row_of(building)}
+    keys, own = (
+        {guid for week in weeks for _, guid in week.elements},
+        {guid for _, guid in rows_by_key(building.elements)},
+    )
     own |= {whole.guid for whole in building.wholes}
+    own |= {one.guid for whole in building.pieced for one in (whole.element, *whole.twins)}
     known = {week.model.sha256 for week in weeks} - {None}
     if len(keys & own) < SAME * len(keys) and digest_of(files) not in known:
         names = ", ".join(path.name or str(path) for path in paths)
@@ -69,7 +73,11 @@ def read_model(paths: Sequence[Path], weeks: Sequence[Week]) -> Model:
 def with_boxes(weeks: Sequence[Week], model: Model) -> list[Week]:
     """The same weeks, in which elements have their boxes where a report of an older format states none."""
     keys = {key for week in weeks for key, one in week.elements.items() if one.box is None}
-    rows = [(row, known) for key, row in _row_of(model.building).items() if (known := _key(key, keys)) is not None]
+    rows = [
+        (row, known)
+        for key, row in rows_by_key(model.building.elements).items()
+        if (known := _key(key, keys)) is not None
+    ]
     triangles, wanted = model.building.triangles, np.array([row for row, _ in rows], int)
     found = boxes_of(triangles.vertices, triangles.faces, triangles.element, wanted)
     boxes: dict[Key, UprightBox] = {
@@ -87,7 +95,7 @@ def cut_at(model: Model, keys: set[Key], height: float) -> Cut:
     """All lines of the model at a height [m], of its surfaces as they are."""
     triangles, origin = model.building.triangles, model.building.origin
     names: dict[int, list[Key]] = {}
-    for key, row in _row_of(model.building).items():
+    for key, row in rows_by_key(model.building.elements).items():
         if (known := _key(key, keys)) is not None:
             names.setdefault(row, []).append(known)
     found = Cut({}, [])
@@ -98,13 +106,6 @@ def cut_at(model: Model, keys: set[Key], height: float) -> Cut:
         if line.element not in names:
             found.others.append(points)
     return found
-
-
-def _row_of(building: Building) -> dict[Key, int]:
-    """Rows of all elements, by file and GlobalId; what is the same in other files has the row of the one kept."""
-    table = building.elements
-    rows = {(twin.file, twin.guid): row for row, own in enumerate(table.twins) for twin in own}
-    return rows | {key: row for row, key in enumerate(zip(table.file, table.guid, strict=True))}
 
 
 def _key(key: Key, keys: set[Key]) -> Key | None:

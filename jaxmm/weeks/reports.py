@@ -45,6 +45,8 @@ class Listed(NamedTuple):
     probability: float | None  # that it was removed
     offset: Offset | None
     box: UprightBox | None  # where the model has it
+    same_as: tuple[Key, ...] = ()  # in other files; with their names, as the report has them
+    parts: tuple[Key, ...] = ()  # that its verdict follows from; likewise
 
 
 class ModelFile(NamedTuple):
@@ -182,7 +184,13 @@ def _element(field: Field) -> Listed:
         field["guid"].text(), file.text() if file else "", field["ifc_class"].text().removesuffix("StandardCase"),
         field["name"].text(), field["storey"].text(), field["verdict"].one_of(VERDICTS),
         field["probability"].number_or_none(), _offset(deviation) if deviation else None, _box(box) if box else None,
+        *(_keys(field.get(name)) for name in ("same_as", "parts")),
     )  # fmt: skip
+
+
+def _keys(field: Field | None) -> tuple[Key, ...]:
+    """Other elements; none where a report of an older version does not say."""
+    return tuple((one["file"].text(), one["guid"].text()) for one in field.items()) if field else ()
 
 
 def _offset(field: Field) -> Offset | None:

@@ -40,14 +40,29 @@ class Share(NamedTuple):
 
 def shares_of(progress: Progress) -> list[Share]:
     """All shares, kind by kind in the order of KINDS; within, as the groups first come up among the elements."""
-    found = [_share(progress, ("all", "all"), progress.elements, week) for week in _weeks(progress)]
+    every = once_each(progress.elements)
+    found = [_share(progress, ("all", "all"), every, week) for week in _weeks(progress)]
     for kind, groups in (("class", _by_class(progress)), ("storey", _by_storey(progress))):
         for name, members in groups.items():
-            found += [_share(progress, (kind, name), members, week) for week in _weeks(progress)]
+            own = once_each(members)
+            found += [_share(progress, (kind, name), own, week) for week in _weeks(progress)]
     for number, members in by_task(progress).items():
-        task = progress.plan.tasks[number]
+        task, members = progress.plan.tasks[number], once_each(members)
         name = task.name or task.guid
         found += [_share(progress, ("task", name), members, week, number) for week in _weeks(progress)]
+    return found
+
+
+def once_each(elements: Sequence[Followed]) -> list[Followed]:
+    """Elements without those that are others of them again, in another file: the same, or whole what these are of."""
+    files = {(one.latest.file, one.latest.guid) for one in elements}
+    found, seen = [], set()
+    for one in elements:
+        key, latest = (one.latest.file, one.latest.guid), one.latest
+        in_pieces = any(file != latest.file and (file, guid) in files for file, guid in latest.parts)
+        if not in_pieces and seen.isdisjoint(latest.same_as):
+            found.append(one)
+        seen.add(key)
     return found
 
 

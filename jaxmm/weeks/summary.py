@@ -2,7 +2,7 @@
 
 from jaxmm.reports.markdown import printable
 from jaxmm.weeks.history import ABSENT, GONE, OFF, UNKNOWN, Progress
-from jaxmm.weeks.shares import LATE, OPEN, Share, due_of, shares_of
+from jaxmm.weeks.shares import LATE, OPEN, Share, due_of, once_each, shares_of
 
 
 def headline(progress: Progress) -> str:
@@ -13,11 +13,11 @@ def headline(progress: Progress) -> str:
 
 def lines_of(progress: Progress) -> list[str]:
     """A line for each week, and one on the schedule where there is one."""
-    lines = []
+    lines, every = [], once_each(progress.elements)
     for share in [one for one in shares_of(progress) if one.kind == "all"]:
-        told = sum(one.moments[share.week].told for one in progress.elements)
+        told = sum(one.moments[share.week].told for one in every)
         lines.append(f"{progress.labels[share.week]}: {told_share(share)}; its scans told of {told} elements")
-    behind = [due_of(one, progress) for one in progress.elements]
+    behind = [due_of(one, progress) for one in every]
     if progress.plan.tasks:
         late, unseen = (sum(due.behind == kind for due in behind) for kind in (LATE, OPEN))
         lines.append(f"by the schedule, {late} elements are late, and {unseen} that should be done were not seen")

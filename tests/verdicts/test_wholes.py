@@ -31,7 +31,8 @@ def test_a_whole_is_gone_only_if_all_parts_that_tell_are():
         whole = of_parts([verdict(name) for name in names], 0.02)
         tell = set(names) & {PRESENT, DISPLACED, REMOVED}
         assert (whole.verdict == REMOVED) == (tell == {REMOVED}), names
-        assert (whole.verdict == PRESENT) == bool(tell - {REMOVED})
+        assert (whole.verdict == DISPLACED) == (tell == {DISPLACED}), names
+        assert (whole.verdict == PRESENT) == (PRESENT in tell or len(tell) == 2), names
         assert (whole.verdict == UNSCANNED) == (set(names) == {UNSCANNED})
         assert (whole.probability >= 0.5) == (whole.verdict == REMOVED)
         assert whole.points == 3 * len(names) and whole.rays == tuple(n * len(names) for n in (5, 6, 7, 8))

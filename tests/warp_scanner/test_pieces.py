@@ -1,4 +1,4 @@
-"""One element of a file that another has in pieces: one row, one surface, and all the others named."""
+"""One element of a file that another has in pieces: its pieces have the surface, and it is told of by them."""
 
 import itertools
 
@@ -7,8 +7,9 @@ import pytest
 
 from tests.cases.box_building import building_of, shell_of
 from tests.warp_scanner.test_projects import ranges, read
-from warp_scanner.buildings.arrays import packed
+from warp_scanner.buildings.arrays import packed, unpacked
 from warp_scanner.buildings.projects import together
+from warp_scanner.scenes.building import element_bounds, rows_by_key
 from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
 
@@ -28,13 +29,11 @@ def cut(axis, ends, kind=WALL):
     return tuple(found)
 
 
-def groups(building):
-    """Keys of all that are the same, the one that is kept first."""
-    table = building.elements
+def pieced(building):
+    """Keys of what is in pieces, with all that are the same, and of its pieces."""
     return [
-        [(file, guid), *((one.file, one.guid) for one in own)]
-        for file, guid, own in zip(table.file, table.guid, table.twins, strict=True)
-        if own
+        ({(one.file, one.guid) for one in (whole.element, *whole.twins)}, sorted(whole.pieces))
+        for whole in building.pieced
     ]
 
 
@@ -49,29 +48,63 @@ def groups(building):
         cut(0, (0.0, 0.6, 0.99, 1.0)),  # with a strip that is too small to be a piece
     ],
 )
-def test_pieces_of_one_are_the_same_as_it_and_rays_meet_it_once(pieces):
-    files = [read("a.ifc", (*SHELL, WHOLE)), read("b.ifc", (*pieces, ((-3.0, 1.0, 1.5), (0.2, 0.2, 1.5), PILLAR)))]
-    found = together(files)
-    (same,) = groups(found)
+def test_pieces_keep_their_surfaces_and_the_whole_has_none(pieces):
+    other = ((-3.0, 1.0, 1.5), (0.2, 0.2, 1.5), PILLAR)
+    found = together([read("a.ifc", (*SHELL, WHOLE)), read("b.ifc", (*pieces, other))])
+    ((whole, parts),) = pieced(found)
     solid = [piece for piece in pieces if np.prod(piece[1]) > 0.02 * HALF.prod()]
-    assert same[0][0] == "a.ifc" and [file for file, _ in same[1:]] == ["b.ifc"] * len(solid)
-    assert len(found.elements.guid) == len(SHELL) + 2 + len(pieces) - len(solid)
-    assert any("1 element of a.ifc is in b.ifc in pieces: one verdict" in note for note in found.notes)
-    whole = building_of((*SHELL, WHOLE, ((-3.0, 1.0, 1.5), (0.2, 0.2, 1.5), PILLAR)))
-    np.testing.assert_allclose(ranges(found), ranges(whole), atol=1e-5)
+    assert {file for file, _ in whole} == {"a.ifc"} and [file for file, _ in parts] == ["b.ifc"] * len(solid)
+    keys = list(zip(found.elements.file, found.elements.guid, strict=True))
+    assert len(keys) == len(SHELL) + 1 + len(pieces) and set(parts) < set(keys) and whole.isdisjoint(keys)
+    (one,) = found.pieced
+    np.testing.assert_allclose(one.center, CENTER - found.origin, atol=1e-6)
+    np.testing.assert_allclose(one.size, 2.0 * HALF, atol=1e-6)
+    assert any(
+        "1 element of a.ifc is in b.ifc in pieces: each piece is judged by itself" in note for note in found.notes
+    )
+    np.testing.assert_allclose(ranges(found), ranges(building_of((*SHELL, *pieces, other))), atol=1e-5)
+    back = unpacked(packed(found))
+    assert back.pieced == found.pieced
+
+
+def test_rays_pass_an_opening_of_the_whole_that_its_pieces_lack():
+    """Of each piece the part of the wall that is in it; all together are the wall."""
+    first, (center, half, kind), last = cut(0, (0.0, 0.3, 0.7, 1.0))
+    sill, lintel = (((*center[:2], z), (*half[:2], high), kind) for z, high in ((0.3, 0.3), (2.7, 0.3)))
+    boxes = (first, sill, last, lintel)
+    whole = one_of(read("a.ifc", (*SHELL, *boxes)), len(SHELL))
+    pieces = cut(0, (0.0, 0.5, 1.0))
+    found = together([whole, read("b.ifc", pieces)])
+    assert len(found.pieced) == 1
+    np.testing.assert_allclose(ranges(found), ranges(building_of((*SHELL, *boxes))), atol=1e-5)
+    for row in np.flatnonzero(np.array(found.elements.file) == "b.ifc"):
+        low, high = (side[row] for side in element_bounds(found.triangles))
+        middle, reach = pieces[int(row) - len(SHELL)][:2]
+        assert np.all(low >= np.subtract(middle, reach) - 1e-4) and np.all(high <= np.add(middle, reach) + 1e-4)
+    areas = [area_of(found.triangles, row) for row in np.flatnonzero(np.array(found.elements.file) == "b.ifc")]
+    np.testing.assert_allclose(areas, area_of(whole.building.triangles, len(SHELL)) / 2.0, rtol=1e-4)
+
+
+def area_of(triangles, row):
+    corners = triangles.vertices[triangles.faces[triangles.element == row]].astype(float)
+    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2.0
+
+
+def one_of(file, first):
+    """The file with all elements from a row on as one."""
+    triangles = file.building.triangles
+    element = np.minimum(triangles.element, np.int32(first))
+    building = file.building._replace(triangles=triangles._replace(element=element))
+    return file._replace(building=without(building, list(range(first + 1, len(building.elements.guid)))))
 
 
 def test_pieces_that_leave_an_opening_are_what_rays_meet():
     first, (center, half, kind), last = cut(0, (0.0, 0.3, 0.7, 1.0))
     sill, lintel = (((*center[:2], z), (*half[:2], high), kind) for z, high in ((0.3, 0.3), (2.7, 0.3)))
-    boxes = (first, sill, last, lintel)
-    one = read("b.ifc", boxes)
-    triangles = one.building.triangles
-    element = np.where(triangles.element == 3, np.int32(1), triangles.element)  # both are one piece
-    one = one._replace(building=without(one.building._replace(triangles=triangles._replace(element=element)), [3]))
-    found = together([read("a.ifc", (*SHELL, WHOLE)), one])
-    (same,) = groups(found)
-    assert len(same) == 4 and same[0][0] == "a.ifc" and len(found.elements.guid) == len(SHELL) + 1
+    boxes = (first, last, sill, lintel)
+    found = together([read("a.ifc", (*SHELL, WHOLE)), one_of(read("b.ifc", boxes), 2)])
+    ((_, parts),) = pieced(found)
+    assert len(parts) == 3
     np.testing.assert_allclose(ranges(found), ranges(building_of((*SHELL, *boxes))), atol=1e-5)
 
 
@@ -81,8 +114,12 @@ def test_a_third_file_with_the_whole_or_with_a_piece_is_the_same_too():
     packs = []
     for order in itertools.permutations(files):
         found = together(order)
-        (same,) = groups(found)
-        assert len(same) == 6 and same[0][0] in ("a.ifc", "c.ifc")
+        ((whole, parts),) = pieced(found)
+        assert {file for file, _ in whole} == {"a.ifc", "c.ifc"} and {file for file, _ in parts} == {"b.ifc"}
+        (piece,) = [own for own in found.elements.twins if own]
+        assert {one.file for one in piece} | set(found.elements.file) == {"a.ifc", "b.ifc", "d.ifc"}
+        assert len(found.elements.guid) == len(SHELL) + 3
+        assert rows_by_key(found.elements).keys() >= set(parts)
         packs.append(packed(found))
     assert all(one.words == packs[0].words for one in packs[1:])
 
@@ -96,9 +133,9 @@ def test_a_third_file_with_the_whole_or_with_a_piece_is_the_same_too():
     ],
 )
 def test_what_does_not_fill_it_together_stays_apart(boxes):
-    assert not groups(together([read("a.ifc", (*SHELL, WHOLE)), read("b.ifc", boxes)]))
+    assert not together([read("a.ifc", (*SHELL, WHOLE)), read("b.ifc", boxes)]).pieced
 
 
 def test_a_proxy_does_not_swallow_walls():
     proxy = (WHOLE[0], WHOLE[1], OTHER)
-    assert not groups(together([read("a.ifc", (*SHELL, proxy)), read("b.ifc", cut(0, (0.0, 0.4, 0.7, 1.0)))]))
+    assert not together([read("a.ifc", (*SHELL, proxy)), read("b.ifc", cut(0, (0.0, 0.4, 0.7, 1.0)))]).pieced

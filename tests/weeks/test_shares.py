@@ -68,3 +68,26 @@ def test_storeys_go_up_by_their_places_whatever_their_names(tmp_path):
         contents[0] = changed(contents[0], ("elements", row, "storey"), storey if one["name"] != "B4" else "")
     progress = follow(read_weeks(write_reports(tmp_path, contents)))
     assert storeys_of(progress) == ["Z below", "A above", "without a storey"]
+
+
+def named(name):
+    return {"file": "other.ifc" if name[0] == "B" or name == "A2" else "house.ifc", "guid": f"guid-{name}"}
+
+
+def test_what_two_files_have_counts_once(tmp_path):
+    """A1 and A2 are one wall, of two files; A3 is what B1 and B2 are the pieces of."""
+    contents = [report(week) for week in range(4)]
+    for content in contents:
+        for one in content["elements"]:
+            name = one["name"]
+            one |= {"file": named(name)["file"], "same_as": [], "parts": []}
+            if name in ("A1", "A2"):
+                one["same_as"] = [named("A2" if name == "A1" else "A1")]
+            if name == "A3":
+                one["parts"] = [named("B1"), named("B2")]
+    shares = shares_of(follow(read_weeks(write_reports(tmp_path, contents))))
+    assert [one.elements for one in shares if one.kind == "all"] == [7] * 4
+    by_name = {one.name: one for one in shares if one.week == 0}
+    assert by_name["Upper floor"].elements == 4  # its pieces are there, the whole is below
+    assert by_name["Ground floor"].elements == 4  # A1 or A2, A3, A4, C
+    assert by_name["IfcWall"].elements == 6

@@ -6,7 +6,7 @@ E elements, S storeys, V vertices, T triangles, as in buildings.py.
 import numpy as np
 
 from warp_scanner.guarded import Plain
-from warp_scanner.scenes.building import Building, Elements, Failure, Source, Storeys, Triangles, Twin, Whole
+from warp_scanner.scenes.building import Building, Elements, Failure, Pieced, Source, Storeys, Triangles, Twin, Whole
 
 
 def packed(building: Building) -> Plain:
@@ -19,7 +19,7 @@ def packed(building: Building) -> Plain:
         "failures": building.failures, "flaws": building.flaws,
         "zero_area": building.zero_area, "notes": building.notes, "unit": building.unit, "project": building.project,
         "sources": [one[:-1] for one in building.sources],
-        "wholes": building.wholes,
+        "wholes": building.wholes, "pieced": building.pieced,
     }  # fmt: skip
     arrays = {
         "storey": elements.storey, "semantic": elements.semantic,
@@ -58,4 +58,13 @@ def unpacked(plain: Plain) -> Building:
         tuple(Source(*one, way) for one, way in zip(words["sources"], arrays.get("to_world", ()), strict=True)),
         tuple(Whole(*one[:4], tuple(one[4]), one[5]) for one in words["wholes"]),
         arrays.get("clear"),
+        tuple(map(_pieced, words["pieced"])),
+    )  # fmt: skip
+
+
+def _pieced(words: list) -> Pieced:
+    element, twins, pieces, center, size, yaw = words
+    return Pieced(
+        Twin(*element), tuple(Twin(*one) for one in twins), tuple((file, guid) for file, guid in pieces), tuple(center),
+        tuple(size), yaw,
     )  # fmt: skip

@@ -4,6 +4,7 @@ Whatever is put in stands free on the floor, not on furniture: no triangle of th
 offsets from the building's origin, metres, z up.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from warp_scanner.rooms.footprints import Footprints, join
 from warp_scanner.rooms.furniture import FurnitureConfig, Marks, build_furniture, spread_furniture
 from warp_scanner.rooms.shells import Site
 from warp_scanner.scenes import scenes
-from warp_scanner.scenes.building import Building, Triangles, element_bounds, fixed
+from warp_scanner.scenes.building import Building, Pieced, Triangles, element_bounds, fixed
 from warp_scanner.scenes.scenes import CEILING, FLOOR, GAP, WALL, scene_mesh
 from warp_scanner.sensors.poses import Pose
 from warp_scanner.sensors.scan import Rays
@@ -77,6 +78,18 @@ def _own(building: Building, number: int, own: np.ndarray) -> Change:
     semantic = building.triangles.semantic[number]
     triangles = Triangles(vertices, faces, np.zeros(len(corners), np.int32), np.array([semantic], np.uint8))
     return Change(triangles, *_upright_box(triangles), int(semantic))
+
+
+def joint_change(building: Building, whole: Pieced, rows: Sequence[int]) -> Change:
+    """An element that another file has in pieces, by rows of these: its own box, and their triangles."""
+    parts = [of_element(building, row).triangles for row in rows]
+    start = np.cumsum([0] + [len(one.vertices) for one in parts[:-1]], dtype=np.int32)
+    triangles = Triangles(
+        np.concatenate([one.vertices for one in parts]),
+        np.concatenate([one.faces + first for one, first in zip(parts, start, strict=True)]),
+        np.zeros(sum(len(one.faces) for one in parts), np.int32), np.array([whole.element.semantic], np.uint8),
+    )  # fmt: skip
+    return Change(triangles, np.array(whole.center), np.array(whole.size), whole.yaw, whole.element.semantic)
 
 
 def added_object(

@@ -22,7 +22,7 @@ _THIN = 1e-8  # [m] height of a triangle that counts as none: what float64 leave
 
 
 class Twin(NamedTuple):
-    """An element of another file that stands at the same place and fills the same; only one of both has triangles."""
+    """An element that another has the triangles of: one of another file at the same place, or others that it is of."""
 
     guid: str
     ifc_class: str
@@ -93,6 +93,17 @@ class Whole(NamedTuple):
     file: str = ""  # where the building is of several
 
 
+class Pieced(NamedTuple):
+    """An element that another file has in pieces, which have the triangles. Its box is upright, and about it alone."""
+
+    element: Twin
+    twins: tuple[Twin, ...]  # the same in other files, in one piece there, too
+    pieces: tuple[tuple[str, str], ...]  # file and guid of each; the triangles may be those of a piece's twin
+    center: tuple[float, float, float]  # [m] offset
+    size: tuple[float, float, float]  # [m] full edge lengths along its own axes
+    yaw: float  # [deg]
+
+
 class Building(NamedTuple):
     """What a file holds."""
 
@@ -110,6 +121,13 @@ class Building(NamedTuple):
     sources: tuple[Source, ...] = ()  # the files, where it is of several
     wholes: tuple[Whole, ...] = ()  # parts that a model without some of its elements lacks may still be named
     clear: np.ndarray | None = None  # (T,) bool: triangles of glass, by their material; None: nobody knows
+    pieced: tuple[Pieced, ...] = ()  # where it is of several files; pieces that a model lacks may still be named
+
+
+def rows_by_key(elements: Elements) -> dict[tuple[str, str], int]:
+    """Rows of all elements, by file and GlobalId; what is the same in other files has the row of the one kept."""
+    rows = {(twin.file, twin.guid): row for row, own in enumerate(elements.twins) for twin in own}
+    return rows | {key: row for row, key in enumerate(zip(elements.file, elements.guid, strict=True))}
 
 
 class Part(NamedTuple):

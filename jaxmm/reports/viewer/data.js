@@ -23,12 +23,12 @@ const offsetOf = (place) => [0, 1, 2].map((axis) => place[axis] - data.origin[ax
 // Files may share GlobalIds, so elements go by keys: the GlobalId, with the file where another file has it, too.
 report.elements.forEach((one, index) => { one.key = data.element_key[index]; });
 const elementCount = data.key.length;
-const indexOfKey = new Map([...data.twins, ...data.key.map((key, index) => [key, index])]);
+const indexOfKey = new Map([...data.pieced, ...data.twins, ...data.key.map((key, index) => [key, index])]);
 const verdictOfKey = new Map(report.elements.map((one) => [one.key, one]));
 const offOfKey = new Map(report.elements.map((one, index) => [one.key, data.deviations[index]]));
-/** Elements that stand off their places, the worst first, without those that are the same as another in its file. */
+/** Elements that stand off their places, the worst first, without those that are drawn as others. */
 const displacedElements = report.elements
-  .filter((one) => !data.twins.some(([key]) => key === one.key))
+  .filter((one) => ![...data.twins, ...data.pieced].some(([key]) => key === one.key))
   .filter((one) => one.verdict === "displaced" && offOfKey.get(one.key))
   .sort((a, b) => surelyOff(offOfKey.get(b.key)) - surelyOff(offOfKey.get(a.key)));
 const arrowsLong = arrowTimes(displacedElements.map((one) => offOfKey.get(one.key))); // times the offsets
@@ -38,6 +38,10 @@ report.mismatches.forEach((one, index) => {
   const key = data.mismatch_key[index];
   mismatchOfKey.set(key, index);
   for (const [twin, element] of data.twins) if (data.key[element] === key) mismatchOfKey.set(twin, index);
+  const isOfIt = (whole) => whole.guid === one.element && whole.file === one.file;
+  for (const part of report.elements) {
+    if (part.verdict === "removed" && part.part_of.some(isOfIt)) mismatchOfKey.set(part.key, index);
+  }
 });
 
 /** First point of each scan in the robot's cloud, which is in the order of the scans; one more than there are scans. */

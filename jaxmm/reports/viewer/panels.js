@@ -38,6 +38,9 @@ function mismatchPairs(index, actions) {
   ]);
 }
 
+/** Other elements by GlobalId and file; null without any. */
+const others = (keys) => (keys.length ? keys.map((other) => `${other.guid} of ${other.file}`).join(", ") : null);
+
 function elementNodes(key, named) {
   const one = verdictOfKey.get(key);
   const id = make("code", {}, one ? one.guid : key);
@@ -49,7 +52,9 @@ function elementNodes(key, named) {
     ["element", named ? one.name || null : null],
     ["GlobalId", id],
     ["file", one.file || null],
-    ["same as", one.same_as.length ? one.same_as.map((other) => `${other.guid} of ${other.file}`).join(", ") : null],
+    ["same as", others(one.same_as)],
+    ["part of", others(one.part_of)],
+    ["parts that are gone", others(one.parts_gone)],
     ["class", one.ifc_class || null],
     ["storey", one.storey || null],
     ["surface", surface],
