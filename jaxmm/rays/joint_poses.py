@@ -103,7 +103,8 @@ class _Poses(NamedTuple):
 def held_together(stations: list[Station], distance: Distance) -> list[Held | None]:
     """Where stations are that others hold elsewhere than the model alone; None of those that stay, or fit nowhere.
 
-    The order of the stations changes no bit of it. Where all fit the model and agree with each other, none moves.
+    The order of the stations changes no bit of it. Where all fit the model and agree with each other, none moves. Only
+    those that stay or are held themselves hold others.
 
     Args:
         stations: of one model.
@@ -138,14 +139,23 @@ def _held(stations: list[Station], distance: Distance) -> list[Held | None]:
     )
     poses = _solved(net, _Poses(turn, place), moved, REACHES[-3:])
     pairs, model = _pairs(net, poses, REACHES[-4]), _on_model(net, poses, REACHES[-1])
-    agreed = _agreed(pairs, count)
-    anchored = fits.copy()
-    for _ in range(count):  # by those that are, one after the other
-        anchored |= (agreed[:, anchored] >= LEAST_SHARED).any(axis=1)
-    return [
-        _told(number, net, (start, poses), pairs, model) if moved[number] and anchored[number] else None
-        for number in range(count)
-    ]
+    # Those that stay hold others, and whoever is held then holds more: two that are lost do not hold each other.
+    counts = fits & (~moved | _stays(start, poses))
+    while True:
+        found = [
+            _told(number, net, (start, poses), _with_these(pairs, number, counts), model) if moved[number] else None
+            for number in range(count)
+        ]
+        more = counts | np.array([one is not None for one in found])
+        if (more == counts).all():
+            return found
+        counts = more
+
+
+def _with_these(pairs: _Rows, number: int, stations: np.ndarray) -> _Rows:
+    """Pairs of patches of one station and of some (S,) bool."""
+    chosen = (pairs.first == number) & stations[pairs.second] | (pairs.second == number) & stations[pairs.first]
+    return _Rows(*(field[chosen] for field in pairs[:-1]), pairs.reach)
 
 
 def _couples(stations: list[Station]) -> np.ndarray:
@@ -166,14 +176,6 @@ def _couples(stations: list[Station]) -> np.ndarray:
     return np.array(sorted(found), int).reshape(-1, 2)
 
 
-def _agreed(pairs: _Rows, count: int) -> np.ndarray:
-    """(S, S) pairs of patches of which two stations agree."""
-    agreed = np.zeros((count, count), int)
-    agree = np.abs(pairs.off) < AT_ODDS
-    np.add.at(agreed, (pairs.first[agree], pairs.second[agree]), 1)
-    return agreed + agreed.T
-
-
 def _are_at_odds(pairs: _Rows) -> bool:
     """Whether some station disagrees with others of where surfaces are."""
     apart = np.abs(pairs.off) > AT_ODDS
@@ -190,11 +192,10 @@ def _stays(start: _Poses, poses: _Poses) -> np.ndarray:
 
 
 def _told(number: int, net: _Net, where: tuple[_Poses, _Poses], pairs: _Rows, model: _Rows) -> Held | None:
-    """What holds a station; None where that is too little."""
+    """What holds a station, by its pairs of patches with those that may hold it; None where that is too little."""
     start, poses = where
-    own = (pairs.first == number) | (pairs.second == number)
-    agree = own & (np.abs(pairs.off) < AT_ODDS)
-    if agree.sum() < LEAST_SHARED or agree.sum() < LEAST_AGREED * own.sum():
+    agree = np.abs(pairs.off) < AT_ODDS
+    if agree.sum() < LEAST_SHARED or agree.sum() < LEAST_AGREED * len(agree):
         return None
     both = np.concatenate([pairs.first[agree], pairs.second[agree]])
     on = model.first == number

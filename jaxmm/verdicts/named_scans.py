@@ -97,7 +97,7 @@ def laid_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> tuple[P
 
 
 def held_scan(prior: Prior, one: NamedScan, laid: tuple[Placed, str], held: Held | None) -> Placed:
-    """A scan that was laid by `laid_scan`, where others hold it if they do.
+    """A scan that was laid by `laid_scan`, where others hold it if they do, with its doubts.
 
     Raises:
         Misfit: it fits neither the prior nor the others; the line names its file.
@@ -108,8 +108,9 @@ def held_scan(prior: Prior, one: NamedScan, laid: tuple[Placed, str], held: Held
             raise Misfit(misfit)
         return placed
     try:
-        return hold(
+        found = hold(
             placed, held, one.scan, lambda there: surfaces_along(prior.scene, rays_of_scan(there)), bool(misfit)
         )
+        return found._replace(notes=(*found.notes, *doubts_by_rays(prior.scene, found.scan)))
     except Misfit as error:
         raise Misfit(f"{one.file}: {error}") from error

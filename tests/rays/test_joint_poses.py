@@ -130,6 +130,36 @@ def test_stations_of_another_building_do_not_hold_each_other():
     assert held_together([stations[0]._replace(fits=True), *lost], model()) == [None] * (len(PLACES) + 1)
 
 
+def test_two_that_are_lost_do_not_hold_each_other():
+    """They share a room far away; one of them sees a floor that the others see, too, and so hangs on them in height."""
+    stations = stations_of(site(), [np.eye(4)] * len(PLACES), [True] * LAST + [False])
+    away, lost = np.array([0.0, 40.0, 0.0]), stations[LAST]
+    room = lost.patches._replace(middle=lost.patches.middle + away)
+    here = stations[2].patches
+    flat = here.normal[:, 2] > 0.9
+    both = room._replace(
+        middle=np.concatenate([room.middle, here.middle[flat]]), normal=np.concatenate([room.normal, here.normal[flat]])
+    )
+    found = held_together([*stations[:LAST], lost._replace(patches=both), lost._replace(patches=room)], model())
+    assert found == [None] * (len(PLACES) + 1)
+
+
+def test_who_is_held_holds_others():
+    """The last sees what one other sees alone, which the rest hold."""
+    errors = [np.eye(4)] * LAST + [motion_of((0.2, -0.1, 0.0), 0.0, PLACES[LAST])]
+    stations = stations_of(site(), errors, [True] * LAST + [False])
+    away, lost = np.array([0.0, 40.0, 0.0]), stations[LAST]
+    room = lost.patches._replace(middle=lost.patches.middle + away)
+    both = room._replace(
+        middle=np.concatenate([room.middle, lost.patches.middle]), normal=np.tile(lost.patches.normal, (2, 1))
+    )
+    *others, held, last = held_together(
+        [*stations[:LAST], lost._replace(patches=both), lost._replace(patches=room)], model()
+    )
+    assert others == [None] * LAST and held is not None and last is not None and last.others == 1
+    np.testing.assert_allclose(last.motion, held.motion, atol=0.01)
+
+
 def test_of_two_that_disagree_nobody_knows_who_is_right():
     errors = [np.eye(4)] * LAST + [motion_of(-MOVED, 0.0, PLACES[LAST])]
     stations = stations_of(site(MOVED), errors, [True] * len(PLACES))
