@@ -59,8 +59,8 @@ KINDS = {
     for kind in (
         Again, Alone, Beside, Building, Elements, Faces, Failure, Fit, Frame, GivenPose, Heights, Held,
         Imperfections, Judged, KnownBuilding, Looked, Motion, NamedScan, OwnElements, OwnScan, Past, Patches, Pieced,
-        Pinhole, Placed, PointScan, PoseError, PosedScan, Prior, PriorFile, Says, ScanRays, ScanSource, Seen, Shown, Side,
-        Source, Spinning, Station, Stood, Storeys, Taken, Telling, Told, Triangles, Twin, Uprights, View, Whole,
+        Pinhole, Placed, PointScan, PoseError, PosedScan, Prior, PriorFile, Says, ScanRays, ScanSource, Seen, Shown,
+        Side, Source, Spinning, Station, Stood, Storeys, Taken, Telling, Told, Triangles, Twin, Uprights, View, Whole,
     )
 }  # fmt: skip
 PLAIN = {"array", "number", "dict", "tuple", "list"}
