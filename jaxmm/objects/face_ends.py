@@ -4,7 +4,7 @@ N points of one side of the scans, S scans. World frame: metres, z up. Plan: x a
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +30,7 @@ class Look(NamedTuple):
 
     sight: Sight  # of its points
     view: View | None  # None where nobody knows the edges
-    rays: Rays  # all that it has, where they are known; else those to its points
+    rays: Callable[[], Rays]  # all that it has, where they are known; else those to its points
 
 
 class End(NamedTuple):
@@ -136,7 +136,7 @@ def _asked(sight: Sight, piece: Piece, end: np.ndarray) -> tuple[float, ...]:
 def _crossed(looks: Sequence[Look], place: tuple[float, ...], piece: Piece, z: np.ndarray) -> Crossed:
     """Where all rays from a place [m] cross a face: several scans may be from the very same one."""
     asked = [look for look in looks if np.all(look.sight.origin == place, axis=1).any()]
-    parts = [Crossed(np.zeros(0), np.zeros(0)), *(crossed_by(look.rays, piece, z) for look in asked)]
+    parts = [Crossed(np.zeros(0), np.zeros(0)), *(crossed_by(look.rays(), piece, z) for look in asked)]
     return Crossed(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 

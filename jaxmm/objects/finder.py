@@ -8,7 +8,7 @@ end below the ceiling, is furniture, whatever its points look like.
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,7 @@ from jaxmm.objects.main_directions import grid_near, off_grid
 from jaxmm.objects.object_heights import levels_of
 from jaxmm.objects.patches import Sight, sensors_of
 from jaxmm.objects.pieces import pieces_of
-from jaxmm.objects.sections import Section, section_of
+from jaxmm.objects.sections import Section, sections_of
 from jaxmm.objects.solids import SolidSettings, solid_of, without_splinters
 from jaxmm.objects.usual_sizes import habits_around
 from jaxmm.objects.view_window import view_of
@@ -45,7 +45,8 @@ class Judged(NamedTuple):
     floor: float  # [m]
     ceiling: float
     scan: np.ndarray | None = None  # (N,) int which of the S saw each point; where None, the nearest may have
-    rays: tuple[Rays, ...] | None = None  # (S,) all of each scan, needs `scan`; where None, those to the points are all
+    # (S,) all of each scan, which may be loaded when asked for, needs `scan`; where None, those to the points are all
+    rays: Sequence[Rays] | None = None
     levels: np.ndarray | None = None  # (N, 2) [m] floor and ceiling of each point; where None, those above are of all
 
 
@@ -96,7 +97,7 @@ def find_objects(
     settings: ObjectSettings | None = None,
     known: KnownBuilding | None = None,
     judge: ObjectJudge | None = None,
-    allows: Callable[[Found], bool] | None = None,
+    allows: Callable[[list[Found]], list[bool]] | None = None,
 ) -> list[Found]:
     """Find the walls and pillars among the points that the networks hold for changed.
 
@@ -106,8 +107,8 @@ def find_objects(
         known: sizes of the building's walls and columns, which are taken on where they fit, and tell the type; and its
             surface.
         judge: what tells pillars, walls and neither apart; by default the one that is shipped.
-        allows: whether something else, such as the rays, allows an object; one that is not is tried as the other type,
-            and else takes no points from others.
+        allows: which of some objects something else, such as the rays, allows: all are asked for at once. One that is
+            not is tried as the other type, and else takes no points from others.
 
     Returns:
         Objects, the surest first, unlikely ones too. Their order and content do not depend on the order of the points.
@@ -119,11 +120,15 @@ def find_objects(
     settings, known = settings or ObjectSettings(), known or KnownBuilding()
     sight, looks, candidates, clues = examine(judged, settings, known)
     share = judge_objects(judge or default_judge(), clues)
-    allowed, rays = [], judged.rays or ()
-    for one, odds in zip(candidates, share, strict=True):
+    sections = sections_of(judged.rays or (), [sight.points[one.members] for one in candidates] if judged.rays else [])
+    made = []
+    for number, (one, odds) in enumerate(zip(candidates, share, strict=True)):
         shown = (one, as_all_rays_show(sight, looks, one, settings.tolerance))
-        solids = list(_solids(sight, rays, shown, odds, settings, known))
-        allowed += _likeliest(solids, [allows is None or allows(_found(sight, solid, settings)) for solid in solids])
+        section = sections[number] if sections else None
+        made.append(list(_solids(sight, section, shown, odds, settings, known)))
+    every = [_found(sight, solid, settings) for solids in made for solid in solids]
+    fits = iter([True] * len(every) if allows is None else allows(every))
+    allowed = [one for solids in made for one in _likeliest(solids, [next(fits) for _ in solids])]
     found = [_found(sight, one, settings) for one in without_splinters(sight, allowed, settings)]
     return sorted(found, key=lambda one: (-one.box.probability, *one.box.center))
 
@@ -139,7 +144,7 @@ def _likeliest(solids: list[Solid], allowed: list[bool]) -> list[Solid]:
 
 def _solids(
     sight: Sight,
-    rays: tuple[Rays, ...],
+    section: Section | None,
     shown: tuple[Candidate, Candidate],
     share: np.ndarray,
     settings: ObjectSettings,
@@ -153,16 +158,12 @@ def _solids(
     seen = sight.around(one.members)
 
     @functools.cache
-    def section() -> Section | None:
-        return section_of(rays, sight.points[one.members]) if rays else None
-
-    @functools.cache
     def made(is_wall: bool) -> Solid | None:
-        return solid_of(seen, one, is_wall, settings, known, thinned, None if is_wall else section())
+        return solid_of(seen, one, is_wall, settings, known, thinned, None if is_wall else section)
 
     share = by_length(by_width(share, one, known, settings), sight.points[one.members, :2], known, settings)
     if made(False) is not None:
-        share = by_section(share, section(), known, settings)
+        share = by_section(share, section, known, settings)
     if known.columns or known.short_walls:
         share = by_size(share, one, made(False), known, settings, lambda: _off_grid(seen, made(True), known))
     nothing, pillar, wall = share
@@ -229,13 +230,16 @@ def _looks(judged: Judged, sight: Sight) -> list[Look]:
     """Each scan by itself. Where nobody knows which saw a point, nobody knows where its view ends either."""
     sensors = np.asarray(judged.sensor, np.float64)
     if judged.scan is None and len(sensors) > 1:
-        return [Look(sight, None, _rays_to(sight))]
+        return [Look(sight, None, functools.partial(_rays_to, sight))]
     looks = []
     for number, sensor in enumerate(sensors):
         own = np.asarray(judged.scan) == number if judged.scan is not None else np.ones(len(sight.points), bool)
         if own.any():
-            mine = sight._replace(points=sight.points[own], origin=sight.origin[own], levels=None)
-            rays = judged.rays[number] if judged.rays is not None else _rays_to(mine)
+            points = sight.points[own]
+            mine = sight._replace(points=points, origin=np.broadcast_to(sensor, points.shape), levels=None)
+            rays = functools.partial(
+                *((judged.rays.__getitem__, number) if judged.rays is not None else (_rays_to, mine))
+            )
             looks.append(Look(mine, view_of(mine.points, sensor), rays))
     return looks
 
@@ -290,7 +294,7 @@ def _checked(judged: Judged) -> tuple[Sight, Opinions]:
     return Sight(points, origin, float(judged.floor), float(judged.ceiling), levels), opinions
 
 
-def _check_rays(rays: tuple[Rays, ...], sensors: np.ndarray, scan: np.ndarray | None) -> None:
+def _check_rays(rays: Sequence[Rays], sensors: np.ndarray, scan: np.ndarray | None) -> None:
     if len(rays) != len(sensors) or (scan is None and len(sensors) > 1):
         known = "" if scan is not None else " whose points are known"
         raise ValueError(f"rays must be those of {len(sensors)} scans{known}, got those of {len(rays)}")

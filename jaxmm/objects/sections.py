@@ -29,6 +29,7 @@ LEAST_ON = 0.6  # share of the ends that lie on the outline
 AT_MOST = 800  # ends, for which directions are tried
 RIM = 0.005  # [m] from its sides: rays that pass as near tell nothing of the others
 LEAST_DEPTH = 0.05  # [m] along which one looks past a side, where nothing is seen of those beside it
+ROUNDED = 1e-3  # [rad] more than a thing fills, in which rays are looked for: directions are single
 STRAYS = 2  # rays that pass where the thing is, and do not make it smaller
 SURE = 0.06  # [m] within which a side is known
 
@@ -67,19 +68,28 @@ class _Ends(NamedTuple):
     end: np.ndarray  # (M, 2) [m]
 
 
-def section_of(rays: Sequence[Rays], points: np.ndarray) -> Section | None:
-    """The section of a thing; None where rays end on no outline of a rectangle, or it is too large for a column.
+def sections_of(rays: Sequence[Rays], things: Sequence[np.ndarray]) -> list[Section | None]:
+    """The section of each thing; None where rays end on no outline of a rectangle, or it is too large for a column.
 
     Heights vote: a plinth, a head or a corbel, flush with a side or not, is at fewer of them than the shaft.
 
     Args:
-        rays: all rays, scan by scan.
-        points: (n, 3) [m] of the thing, thinned.
+        rays: all rays, scan by scan; each scan is asked for once, as it may have to be loaded.
+        things: (n, 3) [m] points of each, thinned.
     """
-    places = points[:, :2]
-    if np.linalg.norm(np.ptp(places, axis=0)) > WIDEST:
-        return None
-    found = _ends_on(rays, points)
+    small = [row for row, one in enumerate(things) if np.linalg.norm(np.ptp(one[:, :2], axis=0)) <= WIDEST]
+    parts: dict[int, list[_Ends]] = {row: [] for row in small}
+    for one in rays if small else ():
+        ways = _Ways(one)
+        for row in small:
+            parts[row].append(_ends_on(ways, things[row]))
+    found = {
+        row: _section(_Ends(*(np.concatenate(each) for each in zip(*of, strict=True)))) for row, of in parts.items()
+    }
+    return [found.get(row) for row in range(len(things))]
+
+
+def _section(found: _Ends) -> Section | None:
     if len(found.places) < LEAST_ENDS:
         return None
     every = max(len(found.places) // AT_MOST, 1)
@@ -106,30 +116,51 @@ def _is_rounder(places: np.ndarray, off: np.ndarray) -> bool:
     return bool(np.mean(np.minimum(round_off, INSIDE) ** 2) < np.mean(np.minimum(off, INSIDE) ** 2))
 
 
-def _ends_on(rays: Sequence[Rays], points: np.ndarray) -> _Ends:
+class _Ways:
+    """The rays of one scan by the way that they go in plan: of a thing far away few head for it."""
+
+    def __init__(self, rays: Rays):
+        self.rays = rays
+        origin = np.asarray(rays.origin)
+        self._origin = origin if origin.ndim == 1 else None
+        if self._origin is not None:
+            azimuth = np.arctan2(rays.direction[:, 1], rays.direction[:, 0])
+            self._order = np.argsort(azimuth, kind="stable")
+            self._azimuth = azimuth[self._order]
+
+    def toward(self, middle: np.ndarray, around: float) -> np.ndarray:
+        """Rays (m,) int in their order: all that pass within a distance [m] of a place (2,) [m], and some others."""
+        offset = middle - self._origin[:2] if self._origin is not None else np.zeros(2)
+        away = float(np.hypot(*offset))
+        if away <= around:  # from within, or nobody knows from where
+            return np.arange(len(self.rays.distance))
+        way, open_by = np.arctan2(offset[1], offset[0]), np.arcsin(around / away) + ROUNDED
+        low, high = way - open_by, way + open_by
+        spans = [(low, high), (low + 2.0 * np.pi, high + 2.0 * np.pi), (low - 2.0 * np.pi, high - 2.0 * np.pi)]
+        rows = [self._order[slice(*np.searchsorted(self._azimuth, span))] for span in spans]
+        return np.sort(np.concatenate(rows))
+
+
+def _ends_on(ways: _Ways, points: np.ndarray) -> _Ends:
     low, high = np.quantile(points[:, 2], SEEN_AT)
     middle, tree = points[:, :2].mean(axis=0), cKDTree(points[:, :2])
     around = float(np.linalg.norm(points[:, :2] - middle, axis=1).max()) + WIDEST / 2
-    ends, levels, starts, stops = [], [], [], []
-    for one in rays:
-        origin = np.broadcast_to(one.origin, one.direction.shape)
-        offset = middle - origin[:, :2]
-        direction = one.direction[:, :2]
-        ahead = np.einsum("ij,ij->i", offset, direction)
-        beside = offset[:, 0] * direction[:, 1] - offset[:, 1] * direction[:, 0]
-        length = np.linalg.norm(direction, axis=1)
-        near = np.flatnonzero((ahead > 0.0) & (np.abs(beside) <= around * length) & np.isfinite(one.distance))
-        origin, direction = origin[near].astype(np.float64), one.direction[near].astype(np.float64)
-        reach = one.distance[near].astype(np.float64)
-        there = np.minimum(ahead[near] / np.maximum(length[near] ** 2, 1e-12), reach)
-        z = origin[:, 2] + there * direction[:, 2]
-        inside = (z >= low) & (z <= high)
-        origin, end = origin[inside], (origin + reach[:, None] * direction)[inside]
-        at = (end[:, 2] >= low) & (end[:, 2] <= high)
-        at[at] = tree.query(end[at, :2], distance_upper_bound=NEAR)[0] <= NEAR
-        ends.append(end[at, :2]), levels.append(np.floor((end[at, 2] - low) / SLICE).astype(int))
-        starts.append(origin[:, :2]), stops.append(end[:, :2])
-    return _Ends(*(np.concatenate(each) for each in (ends, levels, starts, stops)))
+    rays, rows = ways.rays, ways.toward(middle, around)
+    origin = np.broadcast_to(rays.origin, rays.direction.shape)[rows]
+    offset, direction = middle - origin[:, :2], rays.direction[rows, :2]
+    ahead = np.einsum("ij,ij->i", offset, direction)
+    beside = offset[:, 0] * direction[:, 1] - offset[:, 1] * direction[:, 0]
+    length = np.linalg.norm(direction, axis=1)
+    near = (ahead > 0.0) & (np.abs(beside) <= around * length) & np.isfinite(rays.distance[rows])
+    origin, direction = origin[near].astype(np.float64), rays.direction[rows[near]].astype(np.float64)
+    reach = rays.distance[rows[near]].astype(np.float64)
+    there = np.minimum(ahead[near] / np.maximum(length[near] ** 2, 1e-12), reach)
+    z = origin[:, 2] + there * direction[:, 2]
+    inside = (z >= low) & (z <= high)
+    origin, end = origin[inside], (origin + reach[:, None] * direction)[inside]
+    at = (end[:, 2] >= low) & (end[:, 2] <= high)
+    at[at] = tree.query(end[at, :2], distance_upper_bound=NEAR)[0] <= NEAR
+    return _Ends(end[at, :2], np.floor((end[at, 2] - low) / SLICE).astype(int), origin[:, :2], end[:, :2])
 
 
 def _along(found: _Ends) -> np.ndarray | None:

@@ -36,7 +36,7 @@ from jaxmm.progress import bar_of
 from jaxmm.rays.range_noise import settled
 from jaxmm.rays.scan_rays import rays_of_scan
 from jaxmm.runs.room_scans import RoomCase, as_cloud, room_cases, true_boxes
-from jaxmm.verdicts.mismatches import judged_side
+from jaxmm.verdicts.scan_fusion import judged_side
 from jaxmm.verdicts.station_steps import look_at
 from jaxmm.versions import versions
 from jaxmm.weights import DEFAULT

@@ -41,12 +41,12 @@ from jaxmm.rays.patches import Patches
 from jaxmm.rays.scan_rays import PosedScan, ScanRays
 from jaxmm.stations.sources import ScanSource
 from jaxmm.verdicts.behind_removed import Again, Past, Says
-from jaxmm.verdicts.mismatches import Looked
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import PriorFile
 from jaxmm.verdicts.scan_frames import Motion, OwnScan
+from jaxmm.verdicts.scan_fusion import Looked
 from jaxmm.verdicts.standing_alone import Alone
 from jaxmm.verdicts.station_steps import Judged, Shown, Stood
 from jaxmm.verdicts.verdicts import Told

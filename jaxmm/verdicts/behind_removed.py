@@ -17,10 +17,10 @@ from jaxmm.verdicts import standing_alone
 from jaxmm.verdicts.building_evidence import sight
 from jaxmm.verdicts.hanging_openings import FILLINGS
 from jaxmm.verdicts.mismatch_points import inside
-from jaxmm.verdicts.mismatches import KINDS, Looked
+from jaxmm.verdicts.mismatches import KINDS
 from jaxmm.verdicts.outdoors import indoors
 from jaxmm.verdicts.priors import Prior
-from jaxmm.verdicts.scan_fusion import place_of
+from jaxmm.verdicts.scan_fusion import Looked, place_of
 from jaxmm.verdicts.standing_alone import APART
 from jaxmm.verdicts.verdicts import REMOVED, STANDS, Told, Verdict, VerdictSettings, is_seen, told_of, verdicts_of
 from warp_scanner.buildings.changes import of_element

@@ -18,7 +18,7 @@ from jaxmm.verdicts.as_built import AsBuilt, as_built, knows_deviations, with_di
 from jaxmm.verdicts.behind_removed import filling, gone_of, holders, look_past_what_is_gone, remains_of
 from jaxmm.verdicts.hanging_openings import without_hanging
 from jaxmm.verdicts.mismatch_points import drawing_of
-from jaxmm.verdicts.mismatches import mismatches_of, shown_by_each
+from jaxmm.verdicts.mismatches import Asks, mismatches_of, shown_by_each
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.next_view import Stage, next_views, stand_of
 from jaxmm.verdicts.outdoors import things_not_in_model
@@ -42,6 +42,7 @@ from jaxmm.verdicts.station_steps import (
     alone_station,
     anew_station,
     ask_station,
+    boxes_station,
     drawn_of,
     face_station,
     lay_station,
@@ -49,6 +50,7 @@ from jaxmm.verdicts.station_steps import (
     looked_of,
     moved_station,
     past_of,
+    rays_of,
     telling_station,
 )  # fmt: skip
 from jaxmm.verdicts.verdicts import (
@@ -133,9 +135,12 @@ def detect_stations(prior: Prior, stations: Stations, settings: DetectSettings) 
     wanted = _of_classes(prior, verdicts, settings)
     seen = stations.kept(looked_of)
     past_gone = stations.kept(past_of) if is_past else None
-    mismatches = mismatches_of(
-        prior, seen, wanted, settings, past_gone, lambda rows: stations.each(alone_station, prior, rows)
+    asks = Asks(
+        lambda rows: stations.each(alone_station, prior, rows),
+        lambda boxes, chosen: stations.each(boxes_station, prior, boxes, own=chosen),
+        stations.kept(rays_of),
     )
+    mismatches = mismatches_of(prior, seen, wanted, settings, past_gone, asks)
     watch.lap("objects")
     elements = _elements(prior, verdicts, (stations, stood), stands, settings) if verdicts is not None else ()
     elements = _with_boxes(drawn_prior, elements)  # where the model has them, not where they stand

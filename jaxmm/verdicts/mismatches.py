@@ -4,30 +4,29 @@ S scans, N points of one side of all scans, E elements. Positions are offsets fr
 metres, z up; mismatches come back in the world.
 """
 
+import functools
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxmm.learning.box_match import footprint
 from jaxmm.learning.boxes import Box, fit_boxes, long_axis
-from jaxmm.learning.prediction import Side
 from jaxmm.learning.upright_shapes import is_round
 from jaxmm.objects.clues import ONTO
 from jaxmm.objects.face_finish import Rays
-from jaxmm.objects.finder import Found, Judged, find_objects
+from jaxmm.objects.finder import Found, find_objects
 from jaxmm.rays.evidence import SUPPORT, THROUGH
 from jaxmm.rays.scan_rays import ScanRays
 from jaxmm.verdicts import standing_alone
 from jaxmm.verdicts.moved import is_off_its_place, linked, with_more
 from jaxmm.verdicts.priors import Prior, shaft_size
 from jaxmm.verdicts.results import Mismatch
-from jaxmm.verdicts.scan_fusion import Visits, fused
+from jaxmm.verdicts.scan_fusion import Looked, judged_side, rays_to_faces
 from jaxmm.verdicts.settings import DetectSettings
-from jaxmm.verdicts.standing_alone import Alone, all_of
+from jaxmm.verdicts.standing_alone import Alone, Boxes, all_of
 from jaxmm.verdicts.verdicts import REMOVED, Verdict, of_pieced
 from warp_scanner.buildings.changes import joint_change, of_element
-from warp_scanner.clouds.sightlines import cells_of
 from warp_scanner.scenes.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.sensors.scan import Rays as Casts
 from warp_scanner.sensors.triangles import cast_triangles
@@ -39,18 +38,17 @@ MOST_DENIED = 0.03  # share of the rays that tell anything, which may look throu
 MOST_OPEN = 0.3  # and that may pass through its openings, if it is a wall, below or above what is seen of it
 STOREY = 1.5  # [m] between floors of two storeys, at least
 LEAST_LOWER = 0.05  # [m] by which a roof is lower than the ceiling that a thing is made up to
-SKY = np.radians(1.0)  # of one direction of which nothing comes back: about a voxel of 0.1 m at 6 m
+
+# Boxes and faces of some objects -> of each, what each scan says of it.
+AloneOf = Callable[[Sequence[Box], Sequence[np.ndarray | None]], list[list[Alone]]]
 
 
-class Looked(NamedTuple):
-    """One scan after all was asked of it."""
+class Asks(NamedTuple):
+    """What scans say, each by itself, wherever it is held."""
 
-    rays: ScanRays
-    expected: np.ndarray  # (P,) [m] what its rays should have met, inf = nothing
-    added: Side  # the robot's points
-    removed: Side  # the prior's
-    levels: tuple[float, float]  # heights of floor and ceiling [m]
-    notes: tuple[str, ...] = ()  # what is to be said of how it was compared
+    elements: Callable[[list[int]], list[list[Alone]]]  # of each scan about elements, by their rows
+    boxes: Callable[[Boxes, list[bool]], list[list[Alone]]]  # of each of the chosen scans; of all others nothing
+    rays: Sequence[Rays]  # (S,) all of each, which may be loaded when they are asked for
 
 
 def mismatches_of(
@@ -59,7 +57,7 @@ def mismatches_of(
     verdicts: list[Verdict] | None,
     settings: DetectSettings,
     past_gone: Sequence[Looked] | None = None,
-    alone: Callable[[list[int]], list[list[Alone]]] | None = None,
+    asks: Asks | None = None,
 ) -> tuple[Mismatch, ...]:
     """All mismatches of all scans together: removed ones first, the most probable first among each.
 
@@ -71,23 +69,36 @@ def mismatches_of(
         past_gone: the same scans compared with what remains of the building, where something is gone. Of what these
             show to be new only that counts which may be what is gone, off its place, and instead of what is seen of it
             without: furniture in the next room would count, too.
-        alone: what each scan says of some elements, one by one; None: found here.
+        asks: what scans say of elements and boxes, one by one; None: found here.
     """
+    asks = asks or _asks_of(prior, looked, past_gone)
     if verdicts is not None and settings.preset != "thesis":
-        gone = _gone(
-            prior, verdicts, settings, alone or (lambda rows: [alone_of(prior, one.rays, rows) for one in looked])
-        )
+        gone = _gone(prior, verdicts, settings, asks.elements)
         is_gone = np.array([one.verdict == REMOVED for one in verdicts], bool)
         prior = prior._replace(known=prior.known._replace(gone=is_gone))
     else:
-        gone = _all_fitted(prior, looked, "removed", settings)
+        gone = _all_fitted(prior, looked, ("removed", False), settings, asks)
     found = sorted(gone, key=lambda one: -one.probability)
-    new = _all_fitted(prior, looked, "added", settings)
+    new = _all_fitted(prior, looked, ("added", False), settings, asks)
     if past_gone and gone:
-        past = _all_fitted(prior, past_gone, "added", settings)
+        past = _all_fitted(prior, past_gone, ("added", True), settings, asks)
         new = with_more(new, [one for one in past if any(is_off_its_place(one, other) for other in gone)])
     found += sorted(new, key=lambda one: -one.probability)
     return tuple(linked([one for one in found if one.probability >= settings.least_probability]))
+
+
+def _asks_of(prior: Prior, looked: Sequence[Looked], past_gone: Sequence[Looked] | None) -> Asks:
+    """What scans that are held here say."""
+
+    def of_boxes(asked: Boxes, chosen: list[bool]) -> list[list[Alone]]:
+        scans = past_gone if asked.is_past else looked
+        return [
+            standing_alone.of_boxes(asked, scans[number].expected, scans[number].rays) if mine else []
+            for number, mine in enumerate(chosen)
+        ]
+
+    rays = [rays_to_faces(one.rays) for one in looked]
+    return Asks(lambda rows: [alone_of(prior, one.rays, rows) for one in looked], of_boxes, rays)
 
 
 def shown_by_each(found: tuple[Mismatch, ...], scans: int) -> tuple[np.ndarray, np.ndarray]:
@@ -147,28 +158,49 @@ def _gone(
     return found
 
 
-def _all_fitted(prior: Prior, looked: Sequence[Looked], change: str, settings: DetectSettings) -> list[Mismatch]:
-    """Objects of one side, storey by storey: each has a floor and a ceiling of its own."""
+def _all_fitted(
+    prior: Prior, looked: Sequence[Looked], side: tuple[str, bool], settings: DetectSettings, asks: Asks
+) -> list[Mismatch]:
+    """Objects of one side, storey by storey: each has a floor and a ceiling of its own.
+
+    `side` is the change, and whether scans are compared with what remains without what is gone.
+    """
     floor, storeys = [one.levels[0] for one in looked], []
     for number in sorted(range(len(looked)), key=floor.__getitem__):
         if storeys and floor[number] - floor[storeys[-1][-1]] < STOREY:
             storeys[-1].append(number)
         else:
             storeys.append([number])
-    return [
-        found._replace(told_by=_of_all(found.told_by, storey, len(looked)))
-        for storey in storeys
-        for found in _fitted(prior, _Some(looked, storey), change, settings)
-    ]
+    found = []
+    for storey in storeys:
+        alone = functools.partial(_alone, asks, side, storey, len(looked))
+        for one in _fitted(prior, (_Some(looked, storey), _Some(asks.rays, storey)), side[0], settings, alone):
+            found.append(one._replace(told_by=_of_all(one.told_by, storey, len(looked))))
+    return found
 
 
-class _Some(Sequence[Looked]):
+def _alone(
+    asks: Asks,
+    side: tuple[str, bool],
+    storey: list[int],
+    scans: int,
+    boxes: Sequence[Box],
+    faces: Sequence[np.ndarray | None],
+) -> list[list[Alone]]:
+    """Of each box what each scan of a storey says, of so many in all."""
+    if not len(boxes):
+        return []
+    of_scan = asks.boxes(Boxes(tuple(boxes), tuple(faces), *side), [number in storey for number in range(scans)])
+    return [[of_scan[number][row] for number in storey] for row in range(len(boxes))]
+
+
+class _Some(Sequence):
     """Some scans of a sequence that may load each when it is asked for."""
 
-    def __init__(self, every: Sequence[Looked], chosen: list[int]):
+    def __init__(self, every: Sequence, chosen: list[int]):
         self._every, self._chosen = every, chosen
 
-    def __getitem__(self, number: int) -> Looked:
+    def __getitem__(self, number: int) -> Any:
         return self._every[self._chosen[number]]
 
     def __len__(self) -> int:
@@ -181,9 +213,15 @@ def _of_all(rays: tuple[int, ...], storey: list[int], scans: int) -> tuple[int, 
     return tuple(told.get(number, 0) for number in range(scans))
 
 
-def _fitted(prior: Prior, looked: Sequence[Looked], change: str, settings: DetectSettings) -> list[Mismatch]:
+def _fitted(
+    prior: Prior,
+    scans: tuple[Sequence[Looked], Sequence[Rays]],
+    change: str,
+    settings: DetectSettings,
+    alone: AloneOf,
+) -> list[Mismatch]:
     """Objects fitted to the points of one side that the models hold for changed."""
-    judged = judged_side(looked, change)
+    judged = judged_side(scans[0], change, scans[1])
     if not len(judged.points):
         return []
     if settings.preset == "thesis":
@@ -194,31 +232,32 @@ def _fitted(prior: Prior, looked: Sequence[Looked], change: str, settings: Detec
             for box in fit_boxes(judged.points, getattr(judged, kind), kind, settings.boxes, extent)
         ]
         return [
-            _mismatch(prior, box, change, _alone(box, change, looked), _measured_by_thesis(box, settings))
-            for box in boxes
+            _mismatch(prior, box, change, told, _measured_by_thesis(box, settings))
+            for box, told in zip(boxes, alone(boxes, [None] * len(boxes)), strict=True)
         ]
 
     def box_of(one: Found) -> Box:
         return _below_roof(prior, one.box, float(judged.points[one.members, 2].max())) if change == "added" else one.box
 
-    def allows(one: Found) -> bool:
-        """Whether it is likely, new, and the rays meet it and hardly pass through it but for a wall's openings."""
-        if one.box.probability < settings.least_probability:
-            return False
-        box = box_of(one)
-        alone = _alone(box, change, looked, _face(box, judged.points[one.members]))
-        new = np.mean(judged.apart[one.members] > ONTO) if change == "added" else 1.0
-        tell, through = sum(part.tell for part in alone), sum(part.through for part in alone)
-        deny = sum(part.deny for part in alone) - through
-        solid = deny <= MOST_DENIED * (tell + deny) and through <= MOST_OPEN * (tell + through)
-        return bool(new >= LEAST_NEW and tell >= LEAST_MET and solid)
+    def allows(found: list[Found]) -> list[bool]:
+        """Whether each is likely, new, and the rays meet it and hardly pass through it but for a wall's openings."""
+        likely = [row for row, one in enumerate(found) if one.box.probability >= settings.least_probability]
+        boxes = [box_of(found[row]) for row in likely]
+        faces = [_face(box, judged.points[found[row].members]) for box, row in zip(boxes, likely, strict=True)]
+        fits = [False] * len(found)
+        for row, told in zip(likely, alone(boxes, faces), strict=True):
+            new = np.mean(judged.apart[found[row].members] > ONTO) if change == "added" else 1.0
+            tell, through = sum(part.tell for part in told), sum(part.through for part in told)
+            deny = sum(part.deny for part in told) - through
+            solid = deny <= MOST_DENIED * (tell + deny) and through <= MOST_OPEN * (tell + through)
+            fits[row] = bool(new >= LEAST_NEW and tell >= LEAST_MET and solid)
+        return fits
 
-    found = [(box_of(one), one) for one in find_objects(judged, settings.objects, prior.known, allows=allows)]
+    found = find_objects(judged, settings.objects, prior.known, allows=allows)
+    boxes = [box_of(one) for one in found]
     return [
-        _mismatch(prior, box, change, _alone(box, change, looked), one.measured)._replace(
-            type_probability=one.type_probability
-        )
-        for box, one in found
+        _mismatch(prior, box, change, told, one.measured)._replace(type_probability=one.type_probability)
+        for one, box, told in zip(found, boxes, alone(boxes, [None] * len(boxes)), strict=True)
     ]
 
 
@@ -247,73 +286,11 @@ def _below_roof(prior: Prior, box: Box, seen: float) -> Box:
     return box._replace(center=center, dimensions=dimensions)
 
 
-def judged_side(looked: Sequence[Looked], change: str) -> Judged:
-    """One side of all scans together: of a place that several saw, one point has what all say."""
-    sides = [getattr(one, change) for one in looked]
-    points = np.concatenate([side.view.points for side in sides])
-    scan = np.repeat(np.arange(len(sides)), [len(side.view.points) for side in sides])
-    sensors = np.array([one.rays.position for one in looked])
-    visits = Visits(points, scan, np.linalg.norm(points - sensors[scan], axis=1))
-    pillar, wall = fused(visits, np.concatenate([np.column_stack([side.pillar, side.wall]) for side in sides])).T
-    apart = np.concatenate([side.view.apart for side in sides])
-    floor, ceiling = min(one.levels[0] for one in looked), max(one.levels[1] for one in looked)
-    rays = tuple(Rays(one.rays.position, one.rays.direction, one.rays.distance) for one in looked)
-    own = [side.view.levels for side in sides]
-    judged = Judged(
-        points, pillar, wall, apart, sensors, floor, ceiling, scan,
-        rays if change == "added" else None,  # what the robot's rays met says nothing of the faces of what is gone
-        None if any(one is None for one in own) else np.concatenate(own),
-    )  # fmt: skip
-    return _with_sky(judged, looked) if change == "added" else judged
-
-
-def _with_sky(judged: Judged, looked: Sequence[Looked]) -> Judged:
-    """The same with points beyond all others, where nothing came back and nothing should: there one looks through."""
-    skies = [_sky(one).astype(judged.points.dtype) for one in looked]
-    scan = np.repeat(np.arange(len(skies)), [len(sky) for sky in skies])
-    if not len(scan):
-        return judged
-    old = np.zeros(len(scan), judged.wall.dtype)
-    levels = np.full((len(scan), 2), (judged.floor, judged.ceiling))
-    return judged._replace(
-        points=np.concatenate([judged.points, *skies]),
-        pillar=np.concatenate([judged.pillar, old]),
-        wall=np.concatenate([judged.wall, old]),
-        apart=np.concatenate([judged.apart, old.astype(judged.apart.dtype)]),
-        scan=np.concatenate([judged.scan, scan]),
-        levels=None if judged.levels is None else np.concatenate([judged.levels, levels]),
-    )
-
-
-def _sky(one: Looked) -> np.ndarray:
-    """(n, 3) [m] a place for each cell of directions, in one of which a scan brings nothing back, and should not.
-
-    A cloud, of which no ray is expected to meet anything, does not tell where nothing should come back. What looks down
-    has some ground before it, in the model or not: where nothing comes back from there, it was lost.
-    """
-    rays = one.rays
-    if np.isinf(one.expected).all():
-        return np.zeros((0, 3))
-    nothing = np.isinf(rays.distance) & (np.isinf(one.expected) | (one.expected > rays.limit))
-    none = np.flatnonzero(nothing & (rays.direction[:, 2] > 0.0))
-    if not len(none):
-        return np.zeros((0, 3))
-    chosen = none[np.unique(cells_of(rays.direction[none], SKY)[0], return_index=True)[1]]
-    farthest = float(rays.distance[: rays.measured].max()) + 1.0
-    return rays.position + rays.direction[chosen].astype(np.float64) * farthest
-
-
 def _face(box: Box, points: np.ndarray) -> np.ndarray | None:
     """Where along a wall its points (n, 3) are, as `of_box` wants it; None of a pillar, which has no openings."""
     if box.object_type != "wall":
         return None
     return np.sort((points - box.center)[:, :2] @ long_axis(box.dimensions, box.rotation))
-
-
-def _alone(box: Box, change: str, looked: Sequence[Looked], face: np.ndarray | None = None) -> list[Alone]:
-    if change == "removed":
-        return [standing_alone.of_gone_box(box, one.rays) for one in looked]
-    return [standing_alone.of_box(box, one.expected, one.rays, face) for one in looked]
 
 
 def _mismatch(

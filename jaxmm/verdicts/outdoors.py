@@ -11,9 +11,9 @@ import numpy as np
 from jaxmm.classes.unexplained import Unexplained, UnexplainedSettings, unexplained_things
 from jaxmm.rays.evidence import BLOCKED
 from jaxmm.verdicts.mismatch_points import inside
-from jaxmm.verdicts.mismatches import Looked
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import Mismatch
+from jaxmm.verdicts.scan_fusion import Looked
 from warp_scanner.scenes.building import Triangles, bounds, element_bounds
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, PILLAR, WALL, WINDOW
 from warp_scanner.sensors.scan import Rays

@@ -38,6 +38,15 @@ class Alone(NamedTuple):
         return self.deny / max(self.tell + self.deny, 1)
 
 
+class Boxes(NamedTuple):
+    """What scans are asked about some boxes."""
+
+    boxes: tuple[Box, ...]
+    faces: tuple[np.ndarray | None, ...]  # of each, as `of_box` wants it
+    change: str  # of boxes.MISMATCH_TYPES
+    is_past: bool  # whether what is expected is what remains without what is gone
+
+
 def all_of(parts: Sequence[Alone]) -> Alone:
     """What is said of several elements as one."""
     return Alone(*(sum(counts) for counts in zip(*parts, strict=True)))
@@ -98,6 +107,13 @@ def of_box(box: Box, expected: np.ndarray, rays: ScanRays, face: np.ndarray | No
         near = np.minimum(place - face[np.maximum(after - 1, 0)], face[np.minimum(after, len(face) - 1)] - place)
         through = int(np.sum(np.abs(near) <= BESIDE))
     return Alone(int(meets.sum()), int((on_it & before).sum()), int(beyond.sum()), through)
+
+
+def of_boxes(asked: Boxes, expected: np.ndarray, rays: ScanRays) -> list[Alone]:
+    """What a scan says of each of some boxes, by rays and what they should have met (P,) [m]."""
+    if asked.change == "removed":
+        return [of_gone_box(box, rays) for box in asked.boxes]
+    return [of_box(box, expected, rays, face) for box, face in zip(asked.boxes, asked.faces, strict=True)]
 
 
 def of_gone_box(box: Box, rays: ScanRays) -> Alone:

@@ -18,6 +18,7 @@ from jaxmm.deviations.shifted_columns import beside_columns
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
 from jaxmm.learning.prediction import Judges, Side, judge, unjudged
+from jaxmm.objects.face_finish import Rays
 from jaxmm.rays.joint_poses import Held, Station
 from jaxmm.rays.own_ranges import own_ranges
 from jaxmm.rays.patches import patches_of
@@ -28,13 +29,14 @@ from jaxmm.verdicts.building_evidence import sight
 from jaxmm.verdicts.cloud_comparison import compare
 from jaxmm.verdicts.far_elements import toward_far_elements
 from jaxmm.verdicts.mirrors import without_mirror_images
-from jaxmm.verdicts.mismatches import Looked, alone_of
+from jaxmm.verdicts.mismatches import alone_of
 from jaxmm.verdicts.named_scans import NamedScan, held_scan, laid_scan, placed_scan, settled_scan
 from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only
 from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior, known_of
+from jaxmm.verdicts.scan_fusion import Looked, rays_to_faces
 from jaxmm.verdicts.settings import DetectSettings
-from jaxmm.verdicts.standing_alone import Alone, for_sure
+from jaxmm.verdicts.standing_alone import Alone, Boxes, for_sure, of_boxes
 from jaxmm.verdicts.verdicts import Told, told_of
 
 
@@ -203,6 +205,14 @@ def alone_station(context: Context, shelf: Shelf, rows: list[int]) -> list[Alone
     return alone_of(context.prior, shelf["rays"], rows)
 
 
+def boxes_station(context: Context, shelf: Shelf, asked: Boxes, is_asked: bool) -> list[Alone]:
+    """What its rays say of objects that may stand there, one by one; nothing where it is not asked."""
+    if not is_asked:
+        return []
+    one = past_of(shelf) if asked.is_past else looked_of(shelf)
+    return of_boxes(asked, one.expected, one.rays)
+
+
 def telling_station(context: Context, shelf: Shelf, others: np.ndarray, gone: np.ndarray) -> Telling:
     """What its rays tell of some elements (E,) bool that nothing else explains, without what is gone (E,) bool."""
     found, vacant = telling_rays(known_of(context.prior), shelf["rays"], others, gone), context.prior.vacant
@@ -216,6 +226,11 @@ def _bare(scan: PosedScan) -> PosedScan:
 def looked_of(shelf: Shelf) -> Looked:
     """The scan after all was asked of it, with its rays."""
     return shelf["looked"]._replace(rays=shelf["rays"])
+
+
+def rays_of(shelf: Shelf) -> Rays:
+    """All its rays, as faces are asked about."""
+    return rays_to_faces(shelf["rays"])
 
 
 def past_of(shelf: Shelf) -> Looked:

@@ -59,7 +59,7 @@ def test_an_object_that_nothing_allows_takes_no_points_from_another(monkeypatch)
     seen = judged(pillar(3.0, 0.7, 0.5, 20), wall(3.6, -1.2, 2.0, 0.2, 90))
     monkeypatch.setattr("jaxmm.objects.finder.solid_of", swollen)
     assert [one.box.object_type for one in find_objects(seen)] == ["wall"]
-    (left,) = find_objects(seen, allows=lambda one: one.box.object_type != "wall")
+    (left,) = find_objects(seen, allows=lambda found: [one.box.object_type != "wall" for one in found])
     assert left.box.object_type == "pillar" and np.linalg.norm(left.box.center[:2] - [3.0, 0.7]) < 0.1
 
 
@@ -71,12 +71,14 @@ def test_what_is_refused_as_the_likelier_type_is_tried_as_the_other_unless_that_
     seen, tried = judged(wall(3.2, 0.45, 1.3, 0.2, 80)), []
 
     def refuses(found):
-        tried.append(found.box.object_type)
-        return False
+        tried.extend(one.box.object_type for one in found)
+        return [False] * len(found)
 
     assert not find_objects(seen, judge=says(*odds), allows=refuses)
     assert tried == types
-    (found,) = find_objects(seen, judge=says(*odds), allows=lambda one: one.box.object_type == types[-1])
+    (found,) = find_objects(
+        seen, judge=says(*odds), allows=lambda found: [one.box.object_type == types[-1] for one in found]
+    )
     assert found.box.object_type == types[-1]
     assert found.box.probability == pytest.approx(0.9 / (0.9 + ObjectSettings().rarer * 0.1))
     assert found.type_probability == pytest.approx(1.0 if len(types) == 2 else 0.88 / 0.9)

@@ -33,7 +33,7 @@ from jaxmm.runs.object_training import (
     kind_of,
 )
 from jaxmm.runs.room_scans import room_cases
-from jaxmm.verdicts.mismatches import judged_side
+from jaxmm.verdicts.scan_fusion import judged_side
 from jaxmm.verdicts.station_steps import look_at
 from jaxmm.weights import DEFAULT, OBJECTS
 from tests.cases.known_rooms import NO_RAYS, judged, pillar, slab, wall
@@ -167,7 +167,7 @@ def test_clues_of_a_face_are_its_length_height_distance_and_angles():
     opinions = Opinions(np.full(50, 0.5), np.full(50, 0.9), np.repeat([0.05, 0.6], 25))
     (one,) = candidates_of(sight, [piece], SolidSettings())
     looks, building = (
-        [Look(sight, None, NO_RAYS)],
+        [Look(sight, None, lambda: NO_RAYS)],
         Surroundings(np.radians(20.0), Habits(2.0, 1.6, 1.0, 0.3, 0.5, 7.0, 2.0)),
     )
     told = dict(zip(CLUES, clues_of(sight, looks, one, opinions, building, SolidSettings()), strict=True))
@@ -195,7 +195,7 @@ def test_clues_of_a_shaft_are_its_diameter_and_arc():
     sight = Sight(points, np.zeros((40, 3)), 0.0, 3.0)
     (one,) = candidates_of(sight, [piece], SolidSettings())
     opinions = Opinions(*np.full((3, 40), 0.5))
-    looks = [Look(sight, None, NO_RAYS)]
+    looks = [Look(sight, None, lambda: NO_RAYS)]
     told = dict(zip(CLUES, clues_of(sight, looks, one, opinions, Surroundings(0.0), SolidSettings()), strict=True))
     assert (told["round"], told["length"], told["arc"]) == pytest.approx((1.0, 0.6, np.pi))
     # What is told of a face is told of the line through its points: its ends, and how far off they are.

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from jaxmm.objects.face_finish import Rays
 from jaxmm.objects.familiar_sizes import by_section
 from jaxmm.objects.finder import ObjectSettings, find_objects
-from jaxmm.objects.sections import Section, section_of
+from jaxmm.objects.sections import Section, _Ways, sections_of
 from jaxmm.objects.walls import KnownBuilding
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.verdicts.detection import detect_scans
@@ -15,7 +16,7 @@ from tests.cases.exact_poses import AS_IS, named
 from tests.cases.known_rooms import CEILING, FLOOR, i_section, judged, pillar, says, slab, wall
 from warp_scanner.scenes.scenes import CYLINDER, PILLAR
 from warp_scanner.sensors.poses import rotation_of
-from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.scan import Rays as Casts
 from warp_scanner.sensors.sensors import OUSTER_64
 from warp_scanner.sensors.triangles import cast_triangles, prepare
 
@@ -24,7 +25,8 @@ def shown(*things, noise=0.0):
     """The section of all that is new, and its points."""
     seen = judged(*things, noise=noise)
     points = seen.points[seen.apart > 0.5]
-    return section_of(seen.rays, points)
+    (found,) = sections_of(seen.rays, [points])
+    return found
 
 
 def along_edges(section, yaw):
@@ -50,6 +52,20 @@ def test_the_true_edges_lie_between_what_is_seen_and_what_rays_allow(seed):
     )
     if section.known.all():
         np.testing.assert_allclose(section.center, [x, y], atol=0.035)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_all_rays_that_pass_near_a_place_are_looked_at(seed):
+    rng = np.random.default_rng(seed)
+    direction = rng.normal(size=(5000, 3)).astype(np.float32)
+    rays = Rays(rng.uniform(-3.0, 3.0, 3), direction, np.ones(5000, np.float32))
+    middle, around = rng.uniform(-5.0, 5.0, 2), rng.uniform(0.2, 1.0)
+    offset, level = middle - rays.origin[:2], direction[:, :2].astype(np.float64)
+    beside = np.abs(offset[0] * level[:, 1] - offset[1] * level[:, 0])
+    passes = (level @ offset > 0.0) & (beside <= around * np.linalg.norm(level, axis=1))
+    found = _Ways(rays).toward(middle, around)
+    assert np.all(np.diff(found) > 0) and np.isin(np.flatnonzero(passes), found).all()
+    assert len(found) < 1.2 * passes.sum() + 50 or np.hypot(*offset) < around
 
 
 def test_of_a_face_seen_straight_on_no_depth_is_known():
@@ -129,7 +145,7 @@ def test_a_pillar_of_which_one_side_is_seen_at_a_slant_is_found_at_every_heading
     new, place = ((-1.0, -1.8, 1.5), (HALF, HALF, 1.5), PILLAR), np.array([-3.0, -2.0, 1.5])
     rotation = rotation_of(np.array([360.0 / 28 * heading]), np.zeros(1))[0]
     direction = (OUSTER_64.directions() @ rotation.T).astype(np.float32)
-    distance = cast_triangles(prepare(building_of((*room, new)).triangles), Rays(place[None], direction)).distance[0]
+    distance = cast_triangles(prepare(building_of((*room, new)).triangles), Casts(place[None], direction)).distance[0]
     scan = PosedScan((place + direction * distance[:, None]).astype(np.float32), place, rotation, OUSTER_64)
     (found,) = detect_scans(prior_of_building(building_of(room)), [named(scan)], judges, AS_IS).mismatches
     assert (found.object_type, found.mismatch_type) == ("pillar", "added")

@@ -10,9 +10,10 @@ from jaxmm.reports.report_json import to_json
 from jaxmm.runs.room_scans import room_cases
 from jaxmm.verdicts import mismatches
 from jaxmm.verdicts.detection import detect_scans
-from jaxmm.verdicts.mismatches import Looked, judged_side, shown_by_each
+from jaxmm.verdicts.mismatches import shown_by_each
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.results import Mismatch
+from jaxmm.verdicts.scan_fusion import Looked, judged_side
 from jaxmm.weights import DEFAULT
 from tests.cases.exact_poses import AS_IS
 
@@ -79,12 +80,12 @@ def test_rays_of_a_storey_are_told_by_the_scan_that_they_are_of(monkeypatch):
         for number, floor in enumerate((3.3, 0.0, 3.2, 0.1), 1)
     ]
 
-    def fitted(prior, some, change, settings):
-        told = tuple(len(one.rays.distance) for one in some)
+    def fitted(prior, some, change, settings, alone):
+        told = tuple(len(one.rays.distance) for one in some[0])
         return [Mismatch("wall", change, np.zeros(3), np.ones(3), 0.0, 0.9, told_by=told)]
 
     monkeypatch.setattr(mismatches, "_fitted", fitted)
-    found = mismatches._all_fitted(None, scans, "added", AS_IS)
+    found = mismatches._all_fitted(None, scans, ("added", False), AS_IS, mismatches._asks_of(None, scans, None))
     assert [one.told_by for one in found] == [(0, 2, 0, 4), (1, 0, 3, 0)]
 
 
