@@ -289,9 +289,11 @@ def _held(folder: Path | None, key: str, leaves: bool = False) -> Iterator[Path]
             raise InputError(f"--out: cannot write {folder}: {error.strerror}") from error
         try:
             yield folder
-        except (InputError, RuntimeError, KeyboardInterrupt) as error:
+        except (InputError, RuntimeError, KeyboardInterrupt, OSError) as error:
             if _has_steps(folder):
                 kept = f"what is done is kept in {folder}, from where the same command goes on"
+                if isinstance(error, OSError):  # as where the disk is full
+                    raise OSError(error.errno, f"{error.strerror}; {kept}", error.filename) from error
                 kind = next(
                     one for one in (Misfit, InputError, RuntimeError, KeyboardInterrupt) if isinstance(error, one)
                 )

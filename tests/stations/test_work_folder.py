@@ -1,7 +1,9 @@
 """Many stations: the same bits wherever and in whatever order they are done, and nothing is done twice."""
 
 import contextlib
+import errno
 import json
+import os
 import sys
 from typing import NamedTuple
 
@@ -225,6 +227,24 @@ def test_what_ends_it_names_the_folder_that_is_kept(kind, tmp_path):
             str(told.value)
             == "it ends" + f"; what is done is kept in {folder}, from where the same command goes on" * done
         )
+
+
+def test_a_full_disk_names_the_folder_that_is_kept(monkeypatch, site, tmp_path):
+    """Whoever of the processes it is that cannot write; with some room, the same goes on."""
+    folder, write = tmp_path / "work", work_folder.write_record
+
+    def full(path, value):
+        if path.name.startswith("00002-") and path.name.endswith(f"-looked{SUFFIX}"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        write(path, value)
+
+    work = Work(workers=1, folder=folder)
+    with monkeypatch.context() as here:
+        here.setattr(work_folder, "write_record", full)
+        with pytest.raises(OSError, match=rf"No space left on device; what is done is kept in {folder}, from") as told:
+            detect(site.model, site.scans, site.poses, settings=SETTINGS, work=work)
+    assert told.value.errno == errno.ENOSPC and str(folder) in told.value.filename and folder.exists()
+    assert len(detect(site.model, site.scans, site.poses, settings=SETTINGS, work=work).scans) == len(site.scans)
 
 
 def test_what_another_process_is_at_is_left_to_it(tmp_path):
