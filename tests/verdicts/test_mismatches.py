@@ -8,10 +8,10 @@ from jaxmm.learning.prediction import read_judges
 from jaxmm.rays.scan_rays import rays_of_scan
 from jaxmm.runs.room_scans import room_cases, true_boxes
 from jaxmm.verdicts.detection import detect_scans
-from jaxmm.verdicts.mismatches import _below_roof, _measured_by_thesis, _sky, mismatches_of
+from jaxmm.verdicts.mismatches import _below_roof, _measured_by_thesis, mismatches_of
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import prior_of_building, prior_of_cloud
-from jaxmm.verdicts.scan_fusion import Looked
+from jaxmm.verdicts.scan_fusion import Looked, _sky
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.station_steps import look_at
 from jaxmm.weights import DEFAULT
