@@ -2,11 +2,14 @@
 
 import argparse
 import contextlib
+import re
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 from jaxmm.inputs import InputError
 
+MANY_ALIKE = 3  # notes of further scans that say the same but for the numbers, from which one line tells of them
 EXAMPLE = "jaxmm detect house.ifc scan.e57 --pose 4,-3,1.5,90 --sensor oak-d-pro --out found"
 PRIORS = "building model: .ifc, .ifczip, a mesh, a folder of such files that describe one building, or a point cloud"
 ALSO = "another IFC or mesh file of the same building, in its own unit; may be given several times"
@@ -151,7 +154,7 @@ def _detect(options: argparse.Namespace) -> None:
             options.prior, options.scans, poses, also=options.also, reading=reading, settings=settings,
             model=options.model or DEFAULT, date=options.date, work=work,
         )  # fmt: skip
-        for note in (*detection.notes, *(f"{scan.file}: {note}" for scan in detection.scans for note in scan.notes)):
+        for note in (*detection.notes, *notes_in_short([(scan.file, scan.notes) for scan in detection.scans])):
             print(note)
         said = detect_files.write_all(
             detection, options.prior, options.out, also=options.also, apply=options.apply, as_built=options.as_built,
@@ -201,6 +204,22 @@ def _reading(options: argparse.Namespace, sensor):
     _check_kind(options)
     prior = read_options(options, _prior_unit(options))
     return Reading(prior, options.unit, options.frame, sensor, options.topic)
+
+
+def notes_in_short(told: list[tuple[str, tuple[str, ...]]]) -> Iterator[str]:
+    """Lines of the notes of scans, by the names of their files; of many that differ in numbers only, the first.
+
+    A robot's drive is a scan for each message. The report holds all of them.
+    """
+    alike: dict[str, list[str]] = {}
+    for file, notes in told:
+        for note in notes:
+            alike.setdefault(re.sub(r"\d+(?:\.\d+)?", "0", note), []).append(f"{file}: {note}")
+    for first, *others in alike.values():
+        if len(others) < MANY_ALIKE:
+            yield from (first, *others)
+        else:
+            yield f"{first} (and {len(others)} scans more, but for the numbers; report.md has all)"
 
 
 def _prior_unit(options: argparse.Namespace) -> float:
