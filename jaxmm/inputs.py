@@ -3,18 +3,23 @@
 N points. Everything else ends as one InputError: a line that names the file, what was expected and what came.
 """
 
+import re
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 CSV_COLUMNS = ("X", "Y", "Z", "categoryID")
+BREAKS = re.compile("[\r\n\v\f\x1c-\x1e\x85\u2028\u2029]+")  # between lines
 MOST_SHOWN = 200  # characters of a file that an error quotes
 ROUNDING = 5e-4  # [m] largest error that storing a coordinate as float32 may bring
 
 
 class InputError(ValueError):
     """A file of the user's that cannot be used; the message is one line, and the command line exits with code 2."""
+
+    def __init__(self, told: str):
+        super().__init__(BREAKS.sub(" ", told))  # names that a file gives its parts may hold any character
 
 
 class Misfit(InputError):

@@ -17,9 +17,13 @@ from jaxmm.formats.raw_scans import GrowingPoints, RawScan, check_name, to_world
 from jaxmm.formats.ros_frames import FrameTree, RobotPose
 from jaxmm.formats.ros_messages import CLOUD, LIVOX, ODOMETRY, TRANSFORMS, Cloud, cloud_of, transforms_of
 from jaxmm.formats.standstill import is_rest, looks_at_rest
-from jaxmm.inputs import InputError, one_line
+from jaxmm.inputs import InputError, clipped, one_line
 
 ENDINGS = (".bag", ".mcap", ".db3")
+MCAP_START, MCAP_HEAD = (
+    b"\x89MCAP0\r\n\x01",
+    1 << 10,
+)  # magic and kind of the first record; [bytes] that hold its profile
 METADATA = "metadata.yaml"  # in the folder of a ROS 2 bag
 EXTRA = "needs the extra ros: pip install 'jaxmm[ros]'"
 MOST_POINTS = 100_000_000  # of all messages together: more do not fit into usual memory
@@ -77,6 +81,7 @@ def read_bag(path: Path, topic: str | None = None) -> list[RawScan]:
     except ImportError as error:
         raise InputError(f"{path}: {EXTRA}") from error
     check_name(path)
+    _check_profile(path)
     ros = 1 if path.suffix.lower() == ".bag" and path.is_file() else 2
     with (rosbag1 if ros == 1 else rosbag2).Reader(path) as reader:
         chosen = _connections(path, reader, topic)
@@ -97,6 +102,22 @@ def read_bag(path: Path, topic: str | None = None) -> list[RawScan]:
     scans = [group.scan(tree.is_world(group.frame)) for group in posed or groups]
     scans[0] = scans[0]._replace(remarks=tuple(remarks))
     return scans
+
+
+def _check_profile(path: Path) -> None:
+    """Refuse an MCAP file that does not say that it is of ROS 2: the library does not read it, whatever it holds."""
+    if path.suffix.lower() != ".mcap" or not path.is_file():
+        return
+    with open(path, "rb") as file:
+        head = file.read(MCAP_HEAD)
+    if head[:9] != MCAP_START:
+        raise InputError(f"{path}: expected an MCAP file, which begins with a header, found something else")
+    profile = head[21 : 21 + int.from_bytes(head[17:21], "little")].decode("utf-8", "replace")
+    if profile != "ros2":
+        raise InputError(
+            f"{path}: expected MCAP as ROS 2 records it, with the profile ros2, got {clipped(profile)!r}; convert it, "
+            "as with `ros2 bag convert`"
+        )
 
 
 def _connections(path: Path, reader: Any, topic: str | None) -> list[Any]:

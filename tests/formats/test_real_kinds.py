@@ -4,6 +4,7 @@ Columns, types, byte orders, packings and scales that no small sample holds.
 """
 
 import json
+import struct
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from jaxmm.formats.readers import read_scans
 from jaxmm.inputs import InputError
 from tests.cases.bags import Types, write_bag
 from tests.cases.depth_recordings import depth_of, poses, write_recording
-from tests.cases.valid_files import GRID
+from tests.cases.valid_files import GRID, bag
 from tests.cases.valid_files import POINTS as HELD
 from tests.cases.valid_inside import bag_packed, e57_scaled, laz_chunks, mcap_packed
 
@@ -163,6 +164,16 @@ def test_bags_however_they_are_packed(tmp_path, packed):
     for number, scan in enumerate(found):
         np.testing.assert_allclose(scan.points, HELD - GRID + [0.5 * number, 0.0, 1.5], rtol=0, atol=1e-6)
         np.testing.assert_allclose(scan.position, [0.5 * number, 0.0, 1.5])
+
+
+@pytest.mark.parametrize("profile", [b"", b"ros1", b"x" * 40])
+def test_mcap_that_is_not_of_ros_2_is_refused_by_its_profile(tmp_path, profile):
+    data = bag("mcap").data
+    (length,) = struct.unpack("<Q", data[9:17])
+    head = struct.pack("<Q", length - 4 + len(profile)) + struct.pack("<I", len(profile)) + profile
+    (tmp_path / "a.mcap").write_bytes(data[:9] + head + data[25:])
+    with pytest.raises(InputError, match=f"with the profile ros2, got '{profile.decode()}'"):
+        read_scans(tmp_path / "a.mcap")
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
