@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.deviations.curved_fits import fits_of_curved
 from jaxmm.deviations.element_motion import NORMAL, Motion, Seen, motion_of, telling
-from jaxmm.deviations.fits import CELL, CUT, UNKNOWN_SLOPE, Fit, cells_of, fit_of, fits_of_curved
+from jaxmm.deviations.fits import CELL, CUT, UNKNOWN_SLOPE, Fit, cells_of, fit_of
 from jaxmm.deviations.heights import Heights, heights_of
 from jaxmm.deviations.meetings import STEEP, Meetings, groups_of, meetings_of
 from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors
@@ -129,16 +130,23 @@ def deviations_of(
     return deviations_by(scene, [faces_of(scene, *one) for one in zip(rays, trust, strict=True)], tolerance)
 
 
-def faces_of(scene: TriangleScene, rays: ScanRays, trust: str, own: np.ndarray | None = None) -> Faces:
+def faces_of(
+    scene: TriangleScene,
+    rays: ScanRays,
+    trust: str,
+    own: np.ndarray | None = None,
+    clear: np.ndarray | None = None,
+) -> Faces:
     """What one scan shows: its faces, and what all of them tell of its pose.
 
     Args:
         scene: the model.
         rays: of the scan, where it was placed.
         trust: in its pose, one of pose_errors.TRUSTS.
-        own: as of `meetings_of`.
+        own: as of `meetings_of`,
+        clear: and this too.
     """
-    met = meetings_of(scene, rays, own)
+    met = meetings_of(scene, rays, own, clear)
     found = _fits(scene, met, columns_of(scene))
     poses = pose_errors([fit for _, fit in found], rays.position, trust)
     seen = [_seen(group, fit, poses[0], rays.position) for group, fit in found]

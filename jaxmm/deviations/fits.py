@@ -27,10 +27,7 @@ ROUNDS, SETTLED = 10, 1e-6  # [m] of level, and of slopes
 # high above its foot, at least.
 FRONT, BELOW, CUPBOARD = 0.1, 0.12, 2.6
 LEAST_BESIDE = 0.01  # share of the rays, that must end behind a front to tell of the wall
-RADIUS = 0.002  # [m] that a shaft may be thicker or thinner than drawn, which looks like a shift toward the sensor
-OVAL = 0.05  # of the radius, that a round shaft may be off a circle
 UNKNOWN_SLOPE = 1.0  # of what tells no slope: far more than any
-LEAST_TOLD = 0.05  # of what a round body tells of its surest way, that it must tell of another
 LEAST_EXTENT = 0.02  # [m] standard deviation of ends along a face: less is an edge
 CELL = 0.1  # [m] of a face, within which rays err together
 ENOUGH_CELLS = 8  # whose means tell how much they err
@@ -75,15 +72,16 @@ def fit_of(group: Meetings, foot: float, head: float) -> Fit | None:
         return None
     normal = group.normal.mean(axis=0)
     normal /= np.linalg.norm(normal)
-    axes = _axes(normal)
+    axes = axes_of(normal)
     place = group.end @ axes.T
     # A cabinet before a wall hides it, and tells nothing against it.
-    near = np.abs(group.off) < IN_PLACE
+    cell = _cells_met(group, axes)
     reaches = group.off < IN_PLACE
+    near = _patches(np.abs(group.off) < IN_PLACE, ~reaches, cell)
     if near.sum() >= max(LEAST_RAYS, STANDS * reaches.sum()) and _is_wide(place[near]):
         return _fitted(group, place, (normal, axes), near)
     high = min(head - BELOW, foot + CUPBOARD)
-    start = _plane_behind(group, place, high)
+    start = _plane_behind(group, place, cell, high)
     if start is None:
         return None
     found = _fitted(group, place, (normal, axes), start)
@@ -92,110 +90,12 @@ def fit_of(group: Meetings, foot: float, head: float) -> Fit | None:
     return found._replace(before=bool(group.end[found.on, 2].max() < high))
 
 
-def fits_of_curved(body: Meetings) -> list[Fit]:
-    """What all rays of a round body tell of its shift, along each way that they fix; none where it stands elsewhere.
-
-    Every ray has its own normal, so off = normal . shift.
-    """
-    if len(body.off) < LEAST_RAYS:
-        return []
-    flat = body.normal[:, :2]
-    on, reaches = np.abs(body.off) < IN_PLACE, body.off < IN_PLACE
-    if on.sum() < max(LEAST_RAYS, STANDS * reaches.sum()):
-        on = _shift_of_most(body.off, flat)
-        if on is None:
-            return []
-    circle, shift = _circle(body), np.zeros(2)
-    for _ in range(ROUNDS):
-        ways, left = _laid(body, circle, shift)
-        shift = shift + np.linalg.lstsq(ways[on], left[on], rcond=None)[0]
-        ways, left = _laid(body, circle, shift)
-        sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(left[on]))))
-        width = min(max(CUT * sigma, 2.0 * LEAST_SIGMA), IN_PLACE)
-        new = np.abs(left) < width
-        if new.sum() < max(LEAST_RAYS, STANDS * np.sum(left < width)):
-            return []
-        if np.array_equal(new, on):
-            break
-        on = new
-    through, measured = int(np.sum(left < -width)) * body.every, body.as_measured()
-    for _ in range(ROUNDS):
-        ways, apart = _laid(measured, circle, shift)
-        shift = shift + np.linalg.lstsq(ways[on], apart[on], rcond=None)[0]
-    ways, apart = _laid(measured, circle, shift)
-    sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(apart[on]))))
-    worth = max(4.0, min(float(count_cells(body.end[on])), float(on.sum()))) / on.sum()
-    square, axes = np.linalg.eigh(ways[on].T @ ways[on] * worth)
-    middle, looks = measured.end[on].mean(axis=0), ways[on].sum(axis=0)
-    up = measured.end[on][:, 2] - middle[2]
-    if circle is not None:
-        middle[:2] = circle[0] + shift  # a turn about its own axis moves no round shaft
-    # How it leans: what is left, as it grows with the height.
-    both = np.linalg.lstsq(np.column_stack([ways[on], ways[on] * up[:, None]]), apart[on], rcond=None)[0]
-    shift, lean, high = shift + both[:2], both[2:], max(float(up.std()), LEAST_EXTENT)
-    left, found = _laid(body, circle, shift)[1], []
-    for told, way in zip(square[::-1], axes.T[::-1], strict=True):
-        if told < LEAST_TOLD * square[-1]:
-            continue
-        normal = np.array([*way, 0.0]) * (1.0 if looks @ way >= 0.0 else -1.0)
-        along = _axes(normal)
-        variance = np.diag([sigma**2 / told + RADIUS**2, UNKNOWN_SLOPE**2, sigma**2 / told / high**2])
-        slope = np.array([0.0, along[1, 2] * float(normal[:2] @ lean)])
-        found.append(Fit(
-            middle, normal, along, float(normal[:2] @ shift), slope, variance, sigma,
-            (body.end[on] @ along.T).std(axis=0), on, left, through, body.every, first=not found,
-        ))  # fmt: skip
-    return found
-
-
-def _laid(body: Meetings, circle: tuple[np.ndarray, float] | None, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors (K, 2) in plan, across the body where each ray ends, and how far (K,) [m] off it, after a shift."""
-    if circle is None:
-        return body.normal[:, :2], body.off - body.normal[:, :2] @ shift
-    arms = body.end[:, :2] - circle[0] - shift
-    reach = np.maximum(np.linalg.norm(arms, axis=1), 1e-9)
-    return arms / reach[:, None], reach - circle[1]
-
-
-def _circle(body: Meetings) -> tuple[np.ndarray, float] | None:
-    """Middle (2,) [m] and radius [m] of a round shaft, by where its rays should end; None of any other."""
-    way = (body.end - body.sensor) / body.reach[:, None]
-    cosine = -np.einsum("kc,kc->k", body.normal, way)
-    hit = (body.end + way * (body.off / cosine)[:, None])[:, :2]
-    flat = body.normal[:, :2]
-    # Of all lines along the normals, the place that is nearest to them.
-    across = np.eye(2) - np.einsum("ki,kj->kij", flat, flat)
-    middle = np.linalg.lstsq(across.sum(axis=0), np.einsum("kij,kj->i", across, hit), rcond=None)[0]
-    reach = np.einsum("kc,kc->k", hit - middle, flat)
-    radius = float(np.median(reach))
-    return (middle, radius) if radius > 0.0 and np.abs(reach - radius).max() < OVAL * radius else None
-
-
-def _shift_of_most(off: np.ndarray, flat: np.ndarray) -> np.ndarray | None:
-    """(K,) bool: rays that end where they would on the body after the shift that most of them tell."""
-    rng = np.random.default_rng(0)
-    near = np.flatnonzero(np.abs(off) < MOST_OFF)
-    if len(near) < LEAST_RAYS:
-        return None
-    picked = near[rng.integers(0, len(near), (TRIES, 2))]
-    rows = flat[picked]
-    right = np.abs(np.linalg.det(rows)) > 0.1
-    if not right.any():
-        return None
-    shifts = np.linalg.solve(rows[right], off[picked][right][..., None])[..., 0]
-    some = rng.permutation(near)[:TRIED]
-    best = shifts[np.argmax(np.sum(np.abs(off[some] - shifts @ flat[some].T) < IN_PLACE / 2, axis=1))]
-    on = np.abs(off - flat @ best) < IN_PLACE / 2
-    # As of a face: less than half of it is something that stands before it.
-    return on if on.sum() >= max(LEAST_RAYS, STANDS * np.sum(off < MOST_OFF)) else None
-
-
 def _is_wide(place: np.ndarray) -> bool:
     """Whether ends (n, 2) [m] cover a part of a face, and no edge of it, as those on the next face do."""
     return bool(np.all(place.std(axis=0) > LEAST_EXTENT))
 
 
-def _axes(normal: np.ndarray) -> np.ndarray:
+def axes_of(normal: np.ndarray) -> np.ndarray:
     """Unit vectors (2, 3) along a face: level first."""
     level = np.cross([0.0, 0.0, 1.0], normal)
     if np.linalg.norm(level) < 0.3:
@@ -204,7 +104,20 @@ def _axes(normal: np.ndarray) -> np.ndarray:
     return np.stack([level, np.cross(normal, level)])
 
 
-def _plane_behind(group: Meetings, place: np.ndarray, high: float) -> np.ndarray | None:
+def _cells_met(group: Meetings, axes: np.ndarray) -> np.ndarray:
+    """(K,) int the cell of the model's face that each ray should meet."""
+    way = (group.end - group.sensor) / group.reach[:, None]
+    cosine = -np.einsum("kc,kc->k", group.normal, way)
+    met = group.end + way * (group.off / cosine)[:, None]
+    return np.unique(cells_of(met @ axes.T), return_inverse=True)[1]
+
+
+def _patches(chosen: np.ndarray, before: np.ndarray, cell: np.ndarray) -> np.ndarray:
+    """(K,) bool: of chosen rays those in cells (K,) where no more end before: of a reveal few show beside its wall."""
+    return chosen & (np.bincount(cell, chosen) >= np.bincount(cell, before))[cell]
+
+
+def _plane_behind(group: Meetings, place: np.ndarray, cell: np.ndarray, high: float) -> np.ndarray | None:
     """(K,) bool: rays about the plane that most of them end on, or about one behind it that shows beside it.
 
     A cupboard may hide nearly all of a wall, but does not reach up to its head [m]: what does is the wall.
@@ -218,7 +131,9 @@ def _plane_behind(group: Meetings, place: np.ndarray, high: float) -> np.ndarray
         if group.end[found, 2].max() >= high:
             break
         plane = np.linalg.lstsq(np.column_stack([np.ones(len(found)), place[found]]), group.off[found], rcond=None)[0]
-        among = among[group.off[among] < plane[0] + place[among] @ plane[1:] - IN_PLACE]
+        behind = np.zeros(len(cell), bool)
+        behind[among] = group.off[among] < plane[0] + place[among] @ plane[1:] - IN_PLACE
+        among = np.flatnonzero(_patches(behind, np.isin(np.arange(len(cell)), found), cell))
     return None if found is None else np.isin(np.arange(len(group.off)), found)
 
 

@@ -56,18 +56,24 @@ class Meetings(NamedTuple):
         return self if every <= 1 else self.of(slice(None, None, every))._replace(every=every)
 
 
-def meetings_of(scene: TriangleScene, rays: ScanRays, own: np.ndarray | None = None) -> Meetings:
+def meetings_of(
+    scene: TriangleScene, rays: ScanRays, own: np.ndarray | None = None, clear: np.ndarray | None = None
+) -> Meetings:
     """All rays of a scan that come back, and should meet a face at no flat angle.
 
     Args:
         scene: the model.
         rays: of the scan.
         own: (rays.measured,) [m] ranges as the sensor measured them, as of `own_ranges`; None: those of the rays.
+        clear: (T,) bool, triangles that let rays pass: what ends behind them tells nothing of them; None: none does.
     """
     direction, distance = rays.direction[: rays.measured], rays.distance[: rays.measured].astype(np.float64)
     expected = hits_of(scene, rays.position, direction)
     with np.errstate(invalid="ignore"):  # rays that meet nothing have no cosine
-        hit = np.flatnonzero(np.isfinite(distance) & (np.abs(expected.cosine) > LEAST_COSINE))
+        tells = np.isfinite(distance) & (np.abs(expected.cosine) > LEAST_COSINE)
+    if clear is not None:
+        tells &= ~clear[expected.face]
+    hit = np.flatnonzero(tells)
     way, normal = direction[hit].astype(np.float64), expected.normal[hit].astype(np.float64)
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     cosine = -np.einsum("kc,kc->k", normal, way)

@@ -19,6 +19,7 @@ class Hits(NamedTuple):
     element: np.ndarray  # (P,) int32, -1
     cosine: np.ndarray  # (P,) float32 of the incidence, NaN = nothing
     normal: np.ndarray  # (P, 3) float32 unit normals of the surfaces, toward either side; NaN = nothing
+    face: np.ndarray  # (P,) int32 triangle, -1
 
 
 def hits_of(scene: TriangleScene, position: np.ndarray, direction: np.ndarray) -> Hits:
@@ -29,4 +30,4 @@ def hits_of(scene: TriangleScene, position: np.ndarray, direction: np.ndarray) -
     cosine = np.cos(incidence_of(normal, rays))[0]
     with np.errstate(invalid="ignore"):  # triangles without an area, which no ray meets
         unit = normal[0] / np.linalg.norm(normal[0], axis=1, keepdims=True)
-    return Hits(scan.distance[0], scan.element[0], cosine, unit)
+    return Hits(scan.distance[0], scan.element[0], cosine, unit, face[0])

@@ -22,7 +22,7 @@ from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, UNSCANNED, Verdict
-from warp_scanner.scenes.building import element_bounds
+from warp_scanner.scenes.building import Building, element_bounds
 from warp_scanner.scenes.building_edits import move_element
 from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.triangles import prepare
@@ -67,13 +67,15 @@ def as_built(
     tolerance = tolerances(prior, limits)
     found = deviations_by(prior.scene, shown, tolerance)
     # Farther than that it is another thing, or the same one that was moved.
-    farthest, glazed = limits.most + MOST_HALF, _glazed(prior)
-    found = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= farthest and not glazed[row]}
-    vacant = ~glazed & passed_above(prior.scene.triangles, (one.heights for one in shown), in_place=True)
+    farthest = limits.most + MOST_HALF
+    found = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= farthest}
+    vacant = passed_above(prior.scene.triangles, (one.heights for one in shown), in_place=True)
     moved = {row: _step(one) for row, one in found.items() if _is_off(one)}
     # What stands beside its place is where its rays pass.
     slender = columns_of(prior.scene)
-    lost = [row for row in slender[~glazed[slender]] if row not in found or found[row].stands < WHOLLY]
+    # What is partly of glass is not looked for there: points that lie on it may be of what is behind its glass.
+    slender = np.setdiff1d(slender, _glazed(prior.building))
+    lost = [row for row in slender if row not in found or found[row].stands < WHOLLY]
     shifts = shifts_of(prior.scene, beside, np.array(lost, int), limits.most)
     if shifts:
         there = _with_moved(prior, moved | {row: (one.step, np.zeros(3)) for row, one in shifts.items()}, found)
@@ -95,13 +97,18 @@ def as_built(
     return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)}, tolerance)
 
 
-def _glazed(prior: Prior) -> np.ndarray:
-    """(E,) bool: what is partly of glass, but for doors and windows: rays end on what is behind that, as its shelf."""
-    triangles, clear = prior.building.triangles, prior.building.clear
-    found = np.zeros(len(triangles.semantic), bool)
-    if clear is not None:
-        found[triangles.element[clear]] = True
-    return found & ~np.isin(triangles.semantic, (DOOR, WINDOW))
+def panes_of(building: Building) -> np.ndarray | None:
+    """(T,) bool: glass, but for doors and windows: rays end on what is behind it, as its shelf; None: none is."""
+    triangles = building.triangles
+    if building.clear is None:
+        return None
+    return building.clear & ~np.isin(triangles.semantic[triangles.element], (DOOR, WINDOW))
+
+
+def _glazed(building: Building) -> np.ndarray:
+    """(n,) int rows of what is partly of glass, but for doors and windows."""
+    panes = panes_of(building)
+    return np.zeros(0, np.int32) if panes is None else np.unique(building.triangles.element[panes])
 
 
 def knows_deviations(prior: Prior, settings: DetectSettings) -> bool:

@@ -23,7 +23,7 @@ from jaxmm.rays.joint_poses import Held, Station
 from jaxmm.rays.own_ranges import own_ranges
 from jaxmm.rays.patches import patches_of
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, rays_of_scan
-from jaxmm.verdicts.as_built import knows_deviations, trust_in
+from jaxmm.verdicts.as_built import knows_deviations, panes_of, trust_in
 from jaxmm.verdicts.behind_removed import Says, ask_again, judged_anew, past_nothing
 from jaxmm.verdicts.building_evidence import sight
 from jaxmm.verdicts.cloud_comparison import compare
@@ -159,14 +159,18 @@ def face_station(context: Context, shelf: Shelf, held: Held | None) -> Shown:
         return Shown(stood, None)
     shelf["own"] = own_ranges(rays, placed.scan.rotation, one.whole if one.is_settled else None)
     shelf["beside"] = beside_columns(prior.scene, rays, settings.deviations.most)
-    return Shown(stood, faces_of(prior.scene, rays, trust_in(placed, settings.refine), shelf["own"]))
+    return Shown(stood, _faces(context, shelf))
 
 
 def moved_station(context: Context, shelf: Shelf, rows: np.ndarray) -> Faces:
     """Where columns were found beside their places: what its rays show of them (n,) there."""
-    trust = trust_in(shelf["stood"].placed, context.settings.refine)
-    faces = faces_of(context.prior.scene, shelf["rays"], trust, shelf["own"])
+    faces = _faces(context, shelf)
     return faces._replace(seen=[one for one in faces.seen if one.element in rows])  # heights are of all
+
+
+def _faces(context: Context, shelf: Shelf) -> Faces:
+    prior, trust = context.prior, trust_in(shelf["stood"].placed, context.settings.refine)
+    return faces_of(prior.scene, shelf["rays"], trust, shelf["own"], panes_of(prior.building))
 
 
 def look_station(context: Context, shelf: Shelf) -> Judged:
