@@ -129,7 +129,8 @@ def _solved(
             # A body that moves by a step moves its face as far toward the sensor.
             rows = rows_of(fit, middle)[1]
             # What a surface does to a sensor's ranges it does in every scan: it does not average out.
-            sigma = scatter(fit, pose.place * np.sqrt(len(scans)))
+            root = np.sqrt(len(scans))
+            sigma = scatter(fit, pose.place * root, pose.tilt * root)
             scaled = rows / sigma[:, None]
             told += scaled.T @ scaled
             right += scaled.T @ ((off + arms @ pose.correction) / sigma)
@@ -152,7 +153,7 @@ def _are_at_odds(
         pose = poses[one.scan][0]
         off, arms = rows_of(one.fit, sensors[one.scan])
         left = off + arms @ pose.correction - rows_of(one.fit, middle)[1] @ step
-        sigma = np.sqrt(scatter(one.fit, pose.place)[0] ** 2 + arms[0] @ loose[one.scan] @ arms[0])
+        sigma = np.sqrt(scatter(one.fit, pose.place, pose.tilt)[0] ** 2 + arms[0] @ loose[one.scan] @ arms[0])
         if abs(left[0]) > AT_ODDS * sigma:
             return True
     return False

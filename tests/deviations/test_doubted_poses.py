@@ -1,0 +1,40 @@
+"""What faces tell of a pose where many of them moved, and of how sure one is of each."""
+
+import numpy as np
+import pytest
+
+from jaxmm.deviations.deviation import deviations_of, faces_of
+from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
+from tests.cases.box_building import building_of
+from tests.deviations.test_deviation import COLUMN, FREE, HALL, hall, moved, seen, told
+from warp_scanner.sensors.triangles import prepare
+
+
+@pytest.mark.parametrize("by", [(0.115, 0.014), (0.03, -0.2), (-0.06, 0.06)])
+def test_of_two_faces_that_both_moved_neither_is_believed(by):
+    """Only a wall and a column tell the way between; the pose is as it was given, so that both moved is likely, too."""
+    model = building_of([one for number, one in enumerate(HALL) if number not in (2, FREE)]).triangles
+    wall, column = 2, 5
+    real = moved(moved(model, wall, (by[0], 0.0, 0.0)), column, (by[1], 0.0, 0.0))
+    found = deviations_of(prepare(model), [seen(real, noise=0.002)], [KEPT], np.full(6, 0.03))
+    for row, true in ((wall, by[0]), (column, by[1])):
+        both = found[row].interval[0]
+        assert both is None or both[0] - 2e-3 <= true <= both[1] + 2e-3
+
+
+@pytest.mark.parametrize("trust", [KEPT, REGISTERED])
+def test_a_pose_that_leaves_one_wall_moved_is_told_where_another_leaves_three(trust):
+    """Doubt where faces are few is no doubt where many agree."""
+    one = told(hall(), seen(moved(hall(), FREE, (0.2, 0.0, 0.0)), noise=0.002), trust=trust)[FREE]
+    assert one.distance == pytest.approx(-0.2, abs=1e-3) and one.half < 0.01
+
+
+@pytest.mark.parametrize("is_turned", [False, True])
+def test_walls_that_are_straight_are_told_at_their_unseen_ends(is_turned):
+    """Where all stand 5 mm off but plumb and square, how one is turned is known far better than where it stands."""
+    real = hall()
+    for number, row in enumerate(range(2, COLUMN)):
+        step = np.where(np.arange(3) == (0 if row in (2, 3, FREE) else 1), 0.005 * (-1) ** number, 0.0)
+        real = moved(real, row, step, (0.0, 0.0, 0.1 * (-1) ** number) if is_turned else (0.0, 0.0, 0.0))
+    pose = faces_of(prepare(hall()), seen(real), EXACT).poses[0]
+    assert pose.place > 0.002 and (pose.tilt > 0.002) == is_turned and (pose.tilt < 0.0003) != is_turned
