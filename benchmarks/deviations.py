@@ -1,6 +1,6 @@
 """How far off their places elements stand: errors, intervals, and what is called removed or new because of it.
 
-    python -m benchmarks.deviations [--ifc FOLDER] [--rooms 20] [--seed 42] [--json FILE] [--figure PNG]     an hour
+    python -m benchmarks.deviations [--ifc FOLDER] [--rooms 20] [--seed 42] [--sensors NAME ...] [--told JSON]
 
 Generated rooms (`varied`; seed 42 is of validation) and, with --ifc, places in IFC files. One to three walls or columns
 stand 5 to 300 mm off their places, or are turned by 0.2 to 3 degrees about their middle, or lean as much; clean, and
@@ -9,13 +9,14 @@ elements that 500 rays or more end on. With furniture and poses that are off, th
 together, too. *held* is the share of intervals that hold the truth, of what moved and of what
 did not. The peers, from the true pose, on the same points: the median of signed distances to the nearest surface of the
 model (cloud to mesh), of the points whose nearest surface is the element's, and M3C2 (Lague et al. 2013, by py4dgeo) at
-points of the element's own faces; both are of points within 0.4 m, and of one scan. Prints Markdown: the views, and
-from which offset on an element is told from one in its place, by sensor and range, and by how much of it was seen;
---figure draws that.
+points of the element's own faces; both are of points within 0.4 m, and of one scan. Of the camera, elements whose
+middle is within 4 m count. Prints Markdown: the views, shares with intervals of 95 % (Wilson), and from which offset on
+an element is told from one in its place, by sensor and range, and by how much of it was seen; --figure draws that. With
+--told, runs of one sensor each, which may be parts of a long one, leave what they told in one file for both.
 """
 
 import argparse
-import logging
+import json
 import math
 import sys
 from collections.abc import Iterator
@@ -23,18 +24,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from benchmarks import peers
 from benchmarks.command_line import CommandLine
 from benchmarks.poses import disturbed
 from benchmarks.timing import write_report
 from benchmarks.views.building_views import building_places, scanned
-from benchmarks.views.told_offsets import draw_told, told_table
-from jaxmm.deviations.meetings import meetings_of
+from benchmarks.views.place_rivals import told_by_rivals
+from benchmarks.views.told_offsets import draw_told, plain, share_with_interval, told_table
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import Judges, read_judges
-from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
+from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.runs.room_scans import room_cases
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
@@ -64,12 +64,15 @@ LEAST_SEEN = 0.002  # share of the rays that would meet an element, for it to be
 SHIFT, TURN = (0.005, 0.3), (0.2, 3.0)  # [m], [deg]
 SCANS = 3  # that are told together
 BOXES = 8  # that stand about as furniture
-FAR = 0.4  # [m] up to which peers look
+MOST_RANGE = {sensor_named("oak-d-pro-real"): 4.0}  # [m]
 COLUMNS = (
     "view", "views", "refused", "doubted", "moved", "measured", "median error [mm]", "of what stands still [mm]",
     "held", "median half interval [mm]", "C2M [mm]", "M3C2 [mm]", "moved, told removed or hidden",
     "still, told displaced", "false new", "false removed",
 )  # fmt: skip
+
+
+SHARES = ("held", "gone", "falsely displaced")
 
 
 class Case(NamedTuple):
@@ -79,6 +82,7 @@ class Case(NamedTuple):
     scans: list[PosedScan]
     moved: dict[int, np.ndarray]  # row -> (3,) [m] by which the middle of the element was moved
     turned: set[int]  # rows that were turned, or lean
+    rivals: dict[str, dict[int, float]]  # by peer: row -> [m] off its place; of several scans no peer tells
 
 
 def case_of(prior: Prior, sensor: str, pose: Pose, kind: tuple[bool, int], key: tuple[int, int]) -> Case | None:
@@ -105,7 +109,7 @@ def case_of(prior: Prior, sensor: str, pose: Pose, kind: tuple[bool, int], key: 
     poses = [pose, *_other_places(prior, key)][:count]
     scans = [scanned(scene, stands, (sensor_named(sensor), one), (key[0], key[1] + 1000 * number))[0]
              for number, one in enumerate(poses)]  # fmt: skip
-    return Case(prior, scans, steps, turned)
+    return Case(prior, scans, steps, turned, told_by_rivals(prior.scene, scans[0]) if count == 1 else {})
 
 
 def _other_places(prior: Prior, key: tuple[int, int]) -> list[Pose]:
@@ -163,21 +167,16 @@ def models_of(asked: argparse.Namespace, sensor: str) -> Iterator[tuple[str, lis
         yield "IFC files", [place[:2] for place in building_places(asked.ifc, asked.rooms, asked.seed)]
 
 
-def views_of(asked: argparse.Namespace) -> Iterator[tuple[str, list[Case], tuple[float, float, float]]]:
-    """Every kind of view by name, with its cases, and how far off their poses are."""
-    for sensor in asked.sensors:
-        for where, models in models_of(asked, sensor):
-            for kind in ((False, 1), (True, 1), (True, SCANS)):
-                made = (
-                    case_of(prior, sensor, pose, kind, (asked.seed, number))
-                    for number, (prior, pose) in enumerate(models)
-                )
-                cases = [one for one in made if one is not None]
-                for name, most in POSES.items():
-                    if kind[1] > 1 and not any(most):
-                        continue
-                    how = ("furniture" if kind[0] else "clean") + (f", {kind[1]} scans" if kind[1] > 1 else "")
-                    yield f"{where}, {sensor}, {how}, pose {name}", cases, most
+def views_of(asked: argparse.Namespace, sensor: str) -> Iterator[tuple[str, Iterator[Case], list[str]]]:
+    """Every kind of view by name, with its cases, one at a time, and the names of POSES they are told from."""
+    for where, models in models_of(asked, sensor):
+        for kind in ((False, 1), (True, 1), (True, SCANS)):
+            made = (
+                case_of(prior, sensor, pose, kind, (asked.seed, number)) for number, (prior, pose) in enumerate(models)
+            )
+            how = ("furniture" if kind[0] else "clean") + (f", {kind[1]} scans" if kind[1] > 1 else "")
+            poses = [name for name, most in POSES.items() if kind[1] == 1 or any(most)]
+            yield f"{where}, {sensor}, {how}", (one for one in made if one is not None), poses
 
 
 def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: np.random.Generator) -> dict[str, Any]:
@@ -189,10 +188,7 @@ def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: n
         return {"refused": 1}
     told: dict[str, Any] = {"doubted": int(bool(found.doubts)), "new": 0, "gone": 0, "elements": []}
     told["new"] = sum(one.mismatch_type == "added" for one in found.mismatches)
-    known = (
-        () if len(case.scans) > 1 else [name for name in RIVALS if name != "M3C2" or not peers.why_missing("py4dgeo")]
-    )
-    rivals = {name: RIVALS[name](case) for name in known}
+    farthest = MOST_RANGE.get(case.scans[0].sensor, np.inf)
     rows = {guid: row for row, guid in enumerate(case.prior.building.elements.guid)}
     for one in found.elements:
         row = rows[one.guid]
@@ -201,12 +197,12 @@ def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: n
         if not moved and deviation is None:
             continue
         new: dict[str, Any] = {"moved": moved, "verdict": one.verdict, "turned": row in case.turned}
-        if deviation is not None and deviation.rays >= LEAST_RAYS:
+        if deviation is not None and deviation.rays >= LEAST_RAYS and _range(case, row) <= farthest:
             way = np.array(deviation.direction)
             true = float(case.moved.get(row, np.zeros(3)) @ way)
             new |= {"true": true, "off": deviation.distance - true, "half": deviation.half}
             new |= {"range": _range(case, row), "coverage": deviation.coverage}
-            new |= {name: scores[row] - true for name, scores in rivals.items() if row in scores}
+            new |= {name: scores[row] - true for name, scores in case.rivals.items() if row in scores}
         told["elements"].append(new)
     return told
 
@@ -215,46 +211,6 @@ def _range(case: Case, row: int) -> float:
     """[m] from the nearest scanner to the middle of an element."""
     middle = of_element(case.prior.building, row).center
     return float(min(np.linalg.norm(middle - one.position) for one in case.scans))
-
-
-def _cloud_to_mesh(case: Case) -> dict[int, float]:
-    """Row -> median [m] of the signed distances of the points whose nearest surface is the element's."""
-    shown = _surface(case)
-    points = case.scans[0].points.astype(np.float64)
-    apart, place = cKDTree(shown.end).query(points, distance_upper_bound=FAR)
-    near = np.isfinite(apart)
-    off = np.einsum("nc,nc->n", points[near] - shown.end[place[near]], shown.normal[place[near]])
-    element = shown.element[place[near]]
-    return {int(row): float(np.median(off[element == row])) for row in np.unique(element)}
-
-
-def _m3c2(case: Case) -> dict[int, float]:
-    """Row -> median [m] of the M3C2 distances at points of its faces."""
-    import py4dgeo  # first by peers.has, where it began a log that is gone
-
-    logging.getLogger("py4dgeo").handlers.clear()
-    py4dgeo.set_num_threads(1)
-    shown = _surface(case)
-    some = np.random.default_rng(0).permutation(len(shown.element))[:20_000]
-    core = shown.end[some]
-    search = py4dgeo.M3C2(
-        epochs=(py4dgeo.Epoch(shown.end), py4dgeo.Epoch(case.scans[0].points.astype(np.float64))), corepoints=core,
-        corepoint_normals=shown.normal[some], cyl_radius=0.1, max_distance=FAR,
-    )  # fmt: skip
-    distance, _ = search.run()
-    known = np.isfinite(distance)
-    element = shown.element[some]
-    return {int(row): float(np.median(distance[known & (element == row)])) for row in np.unique(element[known])}
-
-
-def _surface(case: Case):
-    """The model's faces toward the sensor as points, where the scan's rays should meet them."""
-    rays = rays_of_scan(case.scans[0])
-    met = meetings_of(case.prior.scene, rays)
-    return met._replace(end=met.end - met.normal * met.off[:, None])
-
-
-RIVALS = {"C2M": _cloud_to_mesh, "M3C2": _m3c2}
 
 
 def row_of(case: str, told: list[dict[str, Any]]) -> dict[str, Any]:
@@ -270,40 +226,52 @@ def row_of(case: str, told: list[dict[str, Any]]) -> dict[str, Any]:
         values = [abs(each[name]) for each in chosen if name in each]
         return float(np.median(values)) if values else float("nan")
 
-    def share(flags: list[bool]) -> float:
-        return float(np.mean(flags)) if flags else float("nan")
-
     return {
         "case": case, "views": len(told), "refused": len(told) - len(views),
         "doubted": sum(one["doubted"] for one in views),
         "moved": len(moved), "measured": len(known), "ours": middle("off", known), "still": middle("off", still),
-        "held": share([abs(each["off"]) <= each["half"] for each in everywhere]),
+        "held": _counts([abs(each["off"]) <= each["half"] for each in everywhere]),
         "half": float(np.median([each["half"] for each in everywhere])) if everywhere else float("nan"),
         "C2M": middle("C2M", known), "M3C2": middle("M3C2", known),
-        "gone": share([each["verdict"] in (REMOVED, OCCLUDED, UNSCANNED) for each in moved]),
-        "falsely displaced": share([each["verdict"] == DISPLACED for each in still]),
+        "gone": _counts([each["verdict"] in (REMOVED, OCCLUDED, UNSCANNED) for each in moved]),
+        "falsely displaced": _counts([each["verdict"] == DISPLACED for each in still]),
         "new": sum(one["new"] for one in views), "removed": sum(one["gone"] for one in views),
     }  # fmt: skip
+
+
+def _counts(flags: list[bool]) -> tuple[int, int]:
+    """How many are, and of how many."""
+    return int(np.sum(flags)), len(flags)
 
 
 def main() -> None:
     parser = CommandLine(__doc__, FULL, SMOKE)
     parser.add_places(SEED)
+    parser.add_argument("--sensors", nargs="+", metavar="NAME", help="of which presets")
+    parser.add_argument("--told", type=Path, metavar="JSON", help="keep what was told of each sensor's elements here")
     parser.add_argument("--figure", type=Path, metavar="PNG", help="also draw what offsets are told")
     asked = parser.parse_args()
     if why := peers.why_missing("py4dgeo"):
         print(why, file=sys.stderr)
     print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}")
     judges, rows, by_sensor = read_judges(DEFAULT), [], {}
-    for name, cases, most in views_of(asked):
-        rng = np.random.default_rng(asked.seed)
-        told = [told_of(case, judges, most, rng) for case in cases]
-        sensor = next(one for one in asked.sensors if f", {one}," in name)
-        by_sensor.setdefault(sensor, []).extend(each for one in told for each in one.get("elements", ()))
-        row = row_of(name, told)
-        print(_line(row), flush=True)
-        if row["measured"] and math.isfinite(row["C2M"]):
-            rows.append(_told_row(row))
+    for sensor in asked.sensors:
+        for name, cases, poses in views_of(asked, sensor):
+            told = {pose: [] for pose in poses}
+            rng = {pose: np.random.default_rng(asked.seed) for pose in poses}
+            for case in cases:
+                for pose in poses:
+                    told[pose].append(told_of(case, judges, POSES[pose], rng[pose]))
+            for pose, found in told.items():
+                by_sensor.setdefault(sensor, []).extend(each for one in found for each in one.get("elements", ()))
+                row = row_of(f"{name}, pose {pose}", found)
+                print(_line(row), flush=True)
+                if row["measured"] and math.isfinite(row["C2M"]):
+                    rows.append(_told_row(row))
+    if asked.told:
+        kept = json.loads(asked.told.read_text()) if asked.told.exists() else {}
+        by_sensor = kept | {name: plain(elements) for name, elements in by_sensor.items()}
+        asked.told.write_text(json.dumps(by_sensor))
     print("\n".join(["", *told_table(by_sensor)]))
     if asked.figure:
         draw_told(by_sensor, asked.figure)
@@ -315,6 +283,9 @@ def _told_row(row: dict[str, Any]) -> dict[str, Any]:
     """What is known of it, beside the peer."""
     least = 1e-4  # [m] of either, so that the ratio is finite
     known = {name: value for name, value in row.items() if not isinstance(value, float) or math.isfinite(value)}
+    for name in SHARES:
+        some, every = known.pop(name)
+        known |= {name: some / every, f"of {name}": every} if every else {}
     ratio = (row["C2M"] + least) / (row["ours"] + least)
     return known | {"peer": row["C2M"], "peer_name": "cloud to mesh", "unit": "m", "ratio": ratio}
 
@@ -324,7 +295,7 @@ def _line(row: dict[str, Any]) -> str:
         return f"{value:.{digits}f}" if math.isfinite(value) else "-"
 
     mm = {name: text(1000.0 * row[name], 1) for name in ("ours", "still", "half", "C2M", "M3C2")}
-    shares = {name: text(row[name], 3) for name in ("held", "gone", "falsely displaced")}
+    shares = {name: share_with_interval(*row[name]) for name in SHARES}
     names = (
         "case", "views", "refused", "doubted", "moved", "measured", "ours", "still", "held", "half", "C2M", "M3C2",
         "gone", "falsely displaced", "new", "removed",

@@ -28,6 +28,22 @@ def told_table(found: Elements) -> list[str]:
     return lines
 
 
+def plain(elements: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What both need of elements, as JSON takes it; of those that were measured."""
+    names = ("half", "range", "coverage")
+    return [{name: float(one[name]) for name in names} for one in elements if "half" in one]
+
+
+def share_with_interval(some: int, every: int) -> str:
+    """So many of so many as a share with its 95 % interval (Wilson 1927); a dash of none."""
+    if not every:
+        return "-"
+    z, share = 1.96, some / every
+    middle = (share + z**2 / (2 * every)) / (1.0 + z**2 / every)
+    half = z / (1.0 + z**2 / every) * np.sqrt(share * (1.0 - share) / every + z**2 / (4 * every**2))
+    return f"{share:.3f} ({max(0.0, middle - half):.2f} to {min(1.0, middle + half):.2f})"
+
+
 def draw_told(found: Elements, path: Path) -> None:
     """The same as curves, each element a dot, to a PNG file."""
     from matplotlib.figure import Figure

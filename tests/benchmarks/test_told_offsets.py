@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.views.told_offsets import LEAST, told_table
+from benchmarks.views.told_offsets import LEAST, share_with_interval, told_table
 
 
 def test_each_bin_has_the_median_of_its_elements_and_few_have_a_dash():
@@ -13,6 +13,12 @@ def test_each_bin_has_the_median_of_its_elements_and_few_have_a_dash():
     by_range, by_coverage = (line for line in told_table({"tls": [*near, *few, *open_]}) if line.startswith("| `tls`"))
     assert by_range == "| `tls` | - | 4.0 | - | - | - | - |"
     assert by_coverage == "| `tls` | - | - | - | - | 4.0 | - |"
+
+
+def test_shares_come_with_the_interval_of_wilson():
+    """As R's binom.confint(method="wilson") has them."""
+    assert share_with_interval(19, 20) == "0.950 (0.76 to 0.99)"
+    assert share_with_interval(0, 10) == "0.000 (0.00 to 0.28)" and share_with_interval(0, 0) == "-"
 
 
 def test_the_figure_is_drawn(tmp_path):
