@@ -94,7 +94,8 @@ def told_of(scanned: np.ndarray, element: np.ndarray, rays: np.ndarray, probabil
 def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> list[Verdict]:
     """The verdict of each of E elements by all scans together: rays are counted together, log-odds add up.
 
-    A scan in which the element does not count as seen adds no odds.
+    A scan in which the element does not count as seen adds no odds, but for what many rays of all together tell where
+    most of each come back from nowhere.
 
     Args:
         told: of each scan, at least one.
@@ -103,12 +104,12 @@ def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> li
     settings = settings or VerdictSettings()
     start = float(_logit(np.array(settings.change_prior)))
     logit = np.full(len(told[0].scanned), start)
-    for one in told:
-        seen = is_seen(one.rays, settings)
+    counts = _counts(told, settings)
+    for one, seen in zip(told, counts, strict=True):
         logit[seen] += one.logit[seen] - start
     probability = 1.0 / (1.0 + np.exp(-logit))
     rays, points = sum(one.rays for one in told), sum(one.points for one in told)
-    scanned, seen = (np.any(fields, axis=0) for fields in zip(*_flags(told, settings), strict=True))
+    scanned, seen = (np.any(fields, axis=0) for fields in ([one.scanned for one in told], counts))
     found = []
     for row in range(len(logit)):
         verdict = REMOVED if probability[row] >= settings.threshold else PRESENT
@@ -182,7 +183,7 @@ def is_seen(rays: np.ndarray, settings: VerdictSettings) -> np.ndarray:
 
     Where an outer wall is gone most rays come back from nowhere: where many tell, those are not asked for a share.
     """
-    tells, back = rays[:, [THROUGH, SUPPORT]].sum(axis=1), rays[:, [THROUGH, SUPPORT, BLOCKED]].sum(axis=1)
+    tells, back = _told_and_back(rays)
     many = (tells >= MANY) & is_enough(tells, back, settings)
     return many | is_enough(tells, back + rays[:, UNSEEN], settings)
 
@@ -192,8 +193,20 @@ def is_enough(tells: np.ndarray, meant: np.ndarray, settings: VerdictSettings) -
     return (tells >= settings.least_rays) & (tells >= settings.least_share * meant)
 
 
-def _flags(told: list[Told], settings: VerdictSettings) -> list[tuple[np.ndarray, np.ndarray]]:
-    return [(one.scanned, is_seen(one.rays, settings)) for one in told]
+def _counts(told: list[Told], settings: VerdictSettings) -> list[np.ndarray]:
+    """Of each scan (E,) bool: whether what it tells of an element counts."""
+    alone = [is_seen(one.rays, settings) for one in told]
+    none, total = ~np.any(alone, axis=0), sum(one.rays for one in told)
+    together = none & (total[:, [THROUGH, SUPPORT]].sum(axis=1) >= MANY) & is_seen(total, settings)
+    if not together.any():
+        return alone
+    enough = [is_enough(*_told_and_back(one.rays), settings) for one in told]
+    return [seen | (together & own) for seen, own in zip(alone, enough, strict=True)]
+
+
+def _told_and_back(rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(E,) rays (E, 4) that tell, and those that come back."""
+    return rays[:, [THROUGH, SUPPORT]].sum(axis=1), rays[:, [THROUGH, SUPPORT, BLOCKED]].sum(axis=1)
 
 
 def _logit(probability: np.ndarray) -> np.ndarray:

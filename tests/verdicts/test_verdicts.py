@@ -95,6 +95,20 @@ def test_two_hidden_halves_are_enough_together_only_where_one_is_enough_alone():
     assert verdicts_of([half, half])[0].verdict == OCCLUDED
 
 
+@pytest.mark.parametrize(("each", "expected"), [(210, REMOVED), (150, OCCLUDED)])
+def test_many_rays_tell_whether_they_are_of_one_scan_or_of_three(each, expected):
+    """Of an outer wall, behind which next to nothing comes back."""
+    (found,) = verdicts_of([told([[each, 0, 20, 9000]], 0.5)] * 3)
+    assert found.verdict == expected
+    (hidden,) = verdicts_of([told([[each, 0, 9000, 20]], 0.9)] * 3)
+    assert hidden.verdict == OCCLUDED
+    stands, (gone,) = (
+        verdicts_of([told([[0, each, 20, 9000]], 0.5)] * 3),
+        verdicts_of([told([[3 * each, 0, 60, 27000]], 0.5)]),
+    )
+    assert stands[0].verdict == (PRESENT if expected == REMOVED else OCCLUDED) and gone.verdict == expected
+
+
 def test_shapes_that_disagree_are_refused():
     with pytest.raises(ValueError, match="must be"):
         told_of(np.array([True]), np.zeros(2, int), np.zeros((3, 4), int), np.zeros(2))
