@@ -49,12 +49,13 @@ class ScanRays(NamedTuple):
     fine_spacing: float = 0.0  # [rad] of those
 
 
-def rays_of_scan(scan: PosedScan, seed: int = 0) -> ScanRays:
+def rays_of_scan(scan: PosedScan, seed: int = 0, *, holes: bool = True) -> ScanRays:
     """The rays of a scan.
 
     Args:
         scan: from where, and what.
         seed: of the draw, where there are more points than rays are needed.
+        holes: whether rays without a return are found, too; to lay a scan on something nobody needs them.
 
     Raises:
         ValueError: no point is farther than 0.05 m from the sensor.
@@ -65,12 +66,16 @@ def rays_of_scan(scan: PosedScan, seed: int = 0) -> ScanRays:
     reach = np.linalg.norm(offset, axis=1)
     direction, reach = (offset / reach[:, None]).astype(np.float32), reach.astype(np.float32)
     pattern, spacing = _pattern(scan, direction)
-    holes = _wide(pattern[_empty(pattern, direction, HOLE * spacing)], direction, spacing)
+    measured = len(direction)
+    if holes:
+        nothing = _wide(pattern[_empty(pattern, direction, HOLE * spacing)], direction, spacing)
+        direction = np.concatenate([direction, nothing])
+        reach = np.concatenate([reach, np.full(len(nothing), np.inf, np.float32)])
     return ScanRays(
         scan.position,
-        np.concatenate([direction, holes]),
-        np.concatenate([reach, np.full(len(holes), np.inf, np.float32)]),
-        len(direction),
+        direction,
+        reach,
+        measured,
         pattern,
         spacing,
         float(scan.sensor.range_limits[1]) if scan.sensor is not None else np.inf,

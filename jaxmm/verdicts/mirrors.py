@@ -56,7 +56,9 @@ def surfaces_of(prior: Prior, scan: PosedScan) -> Surfaces:
 
     if not prior.has_elements:
         return Surfaces(lambda: prior.cloud, distance, lambda _, ends: distance(ends, ON))
-    return Surfaces(lambda: surfaces_along(prior.scene, rays_of_scan(scan)), distance, partial(_off, prior.scene))
+    return Surfaces(
+        lambda: surfaces_along(prior.scene, rays_of_scan(scan, holes=False)), distance, partial(_off, prior.scene)
+    )
 
 
 def _off(scene: TriangleScene, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:

@@ -61,12 +61,12 @@ def placed_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> Place
         InputError: it does not fit; the line names its file.
     """
     try:
-        rays = rays_of_scan(one.scan)
+        rays = rays_of_scan(one.scan, holes=not prior.has_elements)
         if prior.has_elements:
             found = place(
                 one.scan, surfaces_along(prior.scene, rays), refine=settings.refine, limits=settings.limits,
                 passed=lambda: passed_by(prior.scene, rays),
-                shown=lambda there: surfaces_along(prior.scene, rays_of_scan(there)),
+                shown=lambda there: surfaces_along(prior.scene, rays_of_scan(there, holes=False)),
             )  # fmt: skip
             doubts = doubts_by_rays(prior.scene, found.scan) if settings.preset != "thesis" else ()
             return found._replace(notes=(*found.notes, *doubts))
@@ -109,7 +109,11 @@ def held_scan(prior: Prior, one: NamedScan, laid: tuple[Placed, str], held: Held
         return placed
     try:
         found = hold(
-            placed, held, one.scan, lambda there: surfaces_along(prior.scene, rays_of_scan(there)), bool(misfit)
+            placed,
+            held,
+            one.scan,
+            lambda there: surfaces_along(prior.scene, rays_of_scan(there, holes=False)),
+            bool(misfit),
         )
         return found._replace(notes=(*found.notes, *doubts_by_rays(prior.scene, found.scan)))
     except Misfit as error:
