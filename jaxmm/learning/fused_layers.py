@@ -45,7 +45,34 @@ def _dense_of_each(size, batched, points, kernel):
         array if own else jnp.broadcast_to(array, (size, *array.shape))
         for array, own in zip((points, kernel), batched, strict=True)
     )
-    return points @ kernel, True
+    return _products(points, kernel), True
+
+
+@jax.custom_vjp
+def _products(points: jax.Array, kernel: jax.Array) -> jax.Array:
+    """points (B, N, C) @ kernel (B, C, D)."""
+    return points @ kernel
+
+
+def _products_forward(points, kernel):
+    return points @ kernel, (points, kernel)
+
+
+def _products_backward(saved, slope):
+    """With the narrower operand transposed before the product, not within it: YNNPACK takes no other kind.
+
+    Eigen, which then would, splits the sum over N by the size of the processor's caches: other bits on another one.
+    """
+    points, kernel = saved
+    still = jax.lax.optimization_barrier  # or XLA makes one product of it again, transposed within
+    if points.shape[2] <= slope.shape[2]:
+        to_kernel = still(jnp.swapaxes(points, 1, 2)) @ slope
+    else:
+        to_kernel = jnp.swapaxes(still(still(jnp.swapaxes(slope, 1, 2)) @ points), 1, 2)
+    return slope @ jnp.swapaxes(kernel, 1, 2), to_kernel
+
+
+_products.defvjp(_products_forward, _products_backward)
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(0, 1))
@@ -127,6 +154,43 @@ def _summarise_backward(saved, slope):
 
 
 summarise.defvjp(_summarise_forward, _summarise_backward)
+
+
+@jax.custom_vjp
+def total(x: jax.Array) -> jax.Array:
+    """Sum () of x (N,), in an order that hangs on N alone: halves are added until one number is left.
+
+    XLA sums short arrays in as many strands as the processor has registers for.
+    """
+    while x.shape[0] > 1:
+        half = -(-x.shape[0] // 2)
+        # Without barriers XLA would fuse all halvings, and compute what is under each of them anew.
+        x = jax.lax.optimization_barrier(x[:half] + jnp.pad(x[half:], (0, 2 * half - x.shape[0])))
+    return x.sum()
+
+
+total.defvjp(lambda x: (total(x), x), lambda x, slope: (jnp.full_like(x, slope),))
+
+
+@custom_vmap
+def offset(x: jax.Array, bias: jax.Array) -> jax.Array:
+    """x (N,) + bias (1,); under vmap over clouds the bias's gradient is a `total` over all of their points."""
+    return x + bias
+
+
+@offset.def_vmap
+def _offset_of_each(size, batched, x, bias):
+    if batched[1]:
+        return x + bias, True
+    return _offset_all(x, bias), True
+
+
+@jax.custom_vjp
+def _offset_all(x: jax.Array, bias: jax.Array) -> jax.Array:
+    return x + bias
+
+
+_offset_all.defvjp(lambda x, bias: (x + bias, None), lambda _, slope: (slope, total(slope.reshape(-1))[None]))
 
 
 def drop(x: jax.Array, rate: float, seed: jax.Array, layer: int) -> jax.Array:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import optax
 
 from jaxmm.config import LossConfig
+from jaxmm.learning.fused_layers import total
 
 
 class LossSum(NamedTuple):
@@ -35,4 +36,4 @@ def focal_loss(logits: jax.Array, labels: jax.Array, mask: jax.Array, config: Lo
     miss = jax.nn.sigmoid(jnp.where(target > 0.5, -logits, logits))
     alpha = config.alpha if config.form == "released" else jnp.where(target > 0.5, config.alpha, 1 - config.alpha)
     losses = alpha * miss**config.gamma * cross_entropy
-    return LossSum(jnp.sum(jnp.where(mask, losses, 0)), jnp.sum(mask))
+    return LossSum(total(jnp.where(mask, losses, 0)), jnp.sum(mask))

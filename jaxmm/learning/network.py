@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxmm.config import NetworkConfig
 from jaxmm.inputs import InputError
-from jaxmm.learning.fused_layers import EPSILON, activate, dense, summarise
+from jaxmm.learning.fused_layers import EPSILON, activate, dense, offset, summarise
 
 MOMENTUM = 0.9  # share of the old running statistics that is kept; torch calls the rest its momentum of 0.1
 
@@ -52,7 +52,7 @@ class PointNetwork(nn.Module):
             x, bias = Dense(width, name=f"seg_conv{index}")(x, *((summary, mask) if index == 1 else ()))
             x = Activation(config.dropout, depth + index, name=f"seg_bn{index}")(x, bias, mask, seed, train=train)
         x, bias = Dense(1, learn_bias=True, name=f"seg_conv{len(config.head) + 1}")(x)
-        return x[:, 0] + bias
+        return offset(x[:, 0], bias)
 
 
 class Activation(nn.Module):

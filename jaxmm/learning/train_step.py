@@ -12,18 +12,14 @@ import optax
 
 from jaxmm.config import Config, NetworkConfig, TrainConfig
 from jaxmm.learning.batches import Batch
-from jaxmm.learning.fused_layers import CLOUDS
+from jaxmm.learning.fused_layers import CLOUDS, total
 from jaxmm.learning.losses import LossSum, focal_loss
 from jaxmm.learning.model import Model
 from jaxmm.learning.network import PointNetwork, norm_of
 
-# Of XLA's CPU backend for the step: sums by YNNPACK, products by Eigen, which takes a tenth less time than YNNPACK for
-# both, the default. Options have no promise to stay, so other versions than the measured one keep their defaults.
-COMPILER_OPTIONS = (
-    {"xla_cpu_experimental_ynn_fusion_type": "LIBRARY_FUSION_TYPE_REDUCE"}
-    if jax.__version_info__[:2] == (0, 10)
-    else None
-)
+# Of XLA's CPU backend: the same bits on every x86-64 processor with AVX2 (tests/learning/test_same_anywhere.py). No
+# option has a promise to stay, so other versions than the measured one keep their defaults.
+COMPILER_OPTIONS = {"xla_cpu_enable_platform_dependent_math": False} if jax.__version_info__[:2] == (0, 10) else None
 
 
 class TrainState(NamedTuple):
@@ -133,13 +129,13 @@ def train_step_all(states: TrainState, batch: Batch, config: Config) -> tuple[Tr
     return jax.lax.map(lambda one: step(*one), (states, batch))
 
 
-@partial(jax.jit, static_argnames="config")
+@partial(jax.jit, static_argnames="config", compiler_options=COMPILER_OPTIONS)
 def validate_all(models: Model, batch: Batch, config: Config) -> Validation:
     """Validation of all S models."""
     return jax.lax.map(lambda one: validate(*one, config), (models, batch))
 
 
-@partial(jax.jit, static_argnames="config")
+@partial(jax.jit, static_argnames="config", compiler_options=COMPILER_OPTIONS)
 def probabilities(model: Model, features: jax.Array, mask: jax.Array, config: NetworkConfig) -> jax.Array:
     """Probability (N,) that each point of one cloud belongs to the model's mismatch."""
     logits = logits_of(model, features, mask, config)
@@ -148,7 +144,7 @@ def probabilities(model: Model, features: jax.Array, mask: jax.Array, config: Ne
     return jax.nn.sigmoid(logits)
 
 
-@partial(jax.jit, static_argnames="config")
+@partial(jax.jit, static_argnames="config", compiler_options=COMPILER_OPTIONS)
 def all_logits(models: Model, batch: Batch, config: NetworkConfig) -> jax.Array:
     """Logits (S, B, N) of all models on their clouds, one cloud after the other to save memory."""
 
@@ -159,4 +155,4 @@ def all_logits(models: Model, batch: Batch, config: NetworkConfig) -> jax.Array:
 
 
 def _mean(losses: LossSum) -> jax.Array:
-    return jnp.sum(losses.total) / jnp.maximum(jnp.sum(losses.count), 1)
+    return total(losses.total) / jnp.maximum(jnp.sum(losses.count), 1)

@@ -10,7 +10,7 @@ import pytest
 from jaxmm.config import Config, LossConfig, NetworkConfig
 from jaxmm.learning import train_step
 from jaxmm.learning.batches import Batch
-from jaxmm.learning.fused_layers import CLOUDS, EPSILON, activate, dense, drop, summarise
+from jaxmm.learning.fused_layers import CLOUDS, EPSILON, activate, dense, drop, summarise, total
 from jaxmm.learning.losses import focal_loss
 
 CONFIG = Config(network=NetworkConfig(encoder=(8, 16, 32), head=(16, 16, 8), dropout=0.3), loss=LossConfig(alpha=2.0))
@@ -162,3 +162,16 @@ def test_activations_need_the_axis_of_clouds():
             seed=jnp.uint32(0),
             mutable=["batch_stats"],
         )
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 333, 4096])
+def test_total_is_the_sum_in_an_order_of_its_own(count):
+    x = np.random.default_rng(count).normal(size=count).astype(np.float32)
+    halves = x
+    while len(halves) > 1:  # the order by hand: what has no partner meets a zero
+        half = -(-len(halves) // 2)
+        halves = halves[:half] + np.pad(halves[half:], (0, 2 * half - len(halves)))
+    found, slope = jax.value_and_grad(total)(x)
+    assert found == halves[0]
+    np.testing.assert_allclose(found, np.sum(x, dtype=np.float64), atol=1e-6 * count)
+    assert (slope == 1).all()
