@@ -12,7 +12,7 @@ import numpy as np
 from jaxmm.classes.selection import is_of
 from jaxmm.classes.telling_rays import Telling
 from jaxmm.learning.element_boxes import UprightBox
-from jaxmm.verdicts.behind_removed import gone_of
+from jaxmm.verdicts.behind_removed import filling, gone_of, holders
 from jaxmm.verdicts.mismatches import KINDS
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import ElementVerdict, Key, Pose
@@ -36,7 +36,11 @@ def telling_of(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSet
         return []
     table = prior.building.elements
     others = settings.asked(table) & ~np.isin(table.semantic, list(KINDS))
-    return ask(others, gone_of(prior.building, verdicts)) if others.any() else []
+    if not others.any():
+        return []
+    gone = gone_of(prior.building, verdicts)
+    # With a wall go the doors and windows in it: they hide no more than it does.
+    return ask(others, gone | filling(prior.building, holders(prior.building, gone)))
 
 
 def wholes_of(

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from jaxmm.classes.telling_rays import Telling
+from jaxmm.verdicts.priors import prior_of_building
+from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import (
     DISPLACED,
     OCCLUDED,
@@ -17,7 +19,9 @@ from jaxmm.verdicts.verdicts import (
     VerdictSettings,
     retold,
 )
-from jaxmm.verdicts.wholes import of_parts
+from jaxmm.verdicts.wholes import of_parts, telling_of
+from tests.cases.box_building import building_of
+from warp_scanner.scenes.scenes import DOOR, WALL
 
 PROBABILITY = {PRESENT: 0.1, DISPLACED: 0.05, REMOVED: 0.9, OCCLUDED: 0.02, UNSCANNED: 0.02}
 
@@ -63,3 +67,15 @@ def test_rays_that_nothing_else_explains_decide(before, through, support, glass,
     assert found[0].verdict == after and found[1] == verdict(before)
     assert (found[0].probability >= 0.5) == (after == REMOVED)
     assert (found[0].probability == 0.02) == (after in (OCCLUDED, UNSCANNED))
+
+
+def test_what_is_in_a_wall_that_is_gone_hides_nothing():
+    """Its door is asked about all the same; that of a wall that stands hides what is behind it."""
+    there, gone = ((0.0, 3.0, 1.5), (2.0, 0.1, 1.5), WALL), ((0.0, -3.0, 1.5), (2.0, 0.1, 1.5), WALL)
+    doors = [((x, y, 1.0), (0.5, 0.1, 1.0), DOOR) for (x, y, _), _, _ in (there, gone)]
+    prior = prior_of_building(building_of((there, gone, *doors)))
+    told = []
+    verdicts = [verdict(name) for name in (PRESENT, REMOVED, PRESENT, PRESENT)]
+    telling_of(prior, verdicts, DetectSettings(classes=("all",)), lambda *asked: told.append(asked) or [])
+    ((asked, hides_nothing),) = told
+    assert asked.tolist() == [False, False, True, True] and hides_nothing.tolist() == [False, True, False, True]
