@@ -94,11 +94,11 @@ def read_bag(path: Path, topic: str | None = None) -> list[RawScan]:
             )
         groups = list(_groups(path, reader, chosen, ros, tree, stride))
     if not groups:
-        raise InputError(f"{path}: expected messages with points on {chosen[0].topic}, got none in {count}")
+        raise InputError(f"{path}: expected messages with points on {clipped(chosen[0].topic)}, got none in {count}")
     posed = [group for group in groups if group.pose is not None]
     if posed and len(posed) < len(groups):
         lost = sum(group.messages for group in groups) - sum(group.messages for group in posed)
-        remarks.append(f"{lost} messages have no pose, as others of {chosen[0].topic} have, and are left out")
+        remarks.append(f"{lost} messages have no pose, as others of {clipped(chosen[0].topic)} have, and are left out")
     scans = [group.scan(tree.is_world(group.frame)) for group in posed or groups]
     scans[0] = scans[0]._replace(remarks=tuple(remarks))
     return scans
@@ -130,9 +130,9 @@ def _connections(path: Path, reader: Any, topic: str | None) -> list[Any]:
         told = ", ".join(sorted({f"{one.topic} ({one.msgtype})" for one in reader.connections}))[:300]
         raise InputError(f"{path}: expected a topic of PointCloud2 or Livox CustomMsg, found {told or 'none'}")
     if topic is None:
-        raise InputError(f"{path}: expected --topic with one of {', '.join(topics)}, as there are several")
+        raise InputError(f"{path}: expected --topic with one of {clipped(', '.join(topics))}, as there are several")
     if topic not in topics:
-        raise InputError(f"{path}: --topic: expected one of {', '.join(topics)}, got {topic}")
+        raise InputError(f"{path}: --topic: expected one of {clipped(', '.join(topics))}, got {topic}")
     return [one for one in clouds if one.topic == topic]
 
 
@@ -185,4 +185,4 @@ def _told_of(path: Path, topic: str) -> Iterator[None]:
     try:
         yield
     except (InputError, struct.error, OverflowError) as error:
-        raise InputError(f"{path}: {topic}: {one_line(error)}") from error
+        raise InputError(f"{path}: {clipped(topic)}: {one_line(error)}") from error
