@@ -166,6 +166,17 @@ def test_bags_however_they_are_packed(tmp_path, packed):
         np.testing.assert_allclose(scan.position, [0.5 * number, 0.0, 1.5])
 
 
+def test_what_a_bag_calls_its_topics_stays_one_short_line(tmp_path):
+    pytest.importorskip("rosbags")
+    types = Types("ros1")
+    nothing = np.full((4, 3), np.nan)
+    for topic, points in (("/po\nints" + "s" * 4000, nothing), ("/a\u2028b", nothing)):
+        path = write_bag(tmp_path / f"{len(topic)}", "ros1", [(topic, 100.0, types.cloud(100.0, "map", points))])
+        with pytest.raises(InputError, match="expected messages with points on /") as caught:
+            read_scans(path)
+        assert len(str(caught.value).splitlines()) == 1 and len(str(caught.value)) < 600
+
+
 @pytest.mark.parametrize("profile", [b"", b"ros1", b"x" * 40])
 def test_mcap_that_is_not_of_ros_2_is_refused_by_its_profile(tmp_path, profile):
     data = bag("mcap").data
