@@ -190,7 +190,7 @@ class Detection(NamedTuple):
         return sum(one.verdict == verdict for one in self.elements)
 
     def summary(self) -> str:
-        """One line: how many mismatches, how many elements of which verdict."""
+        """One line: how many mismatches, how many elements of which verdict, and what else is in no model."""
         kinds = [(change, kind) for change in ("added", "removed") for kind in ("pillar", "wall")]
         found = []
         for change, kind in kinds:
@@ -200,7 +200,9 @@ class Detection(NamedTuple):
         named = [name for name in VERDICTS if name != DISPLACED or self.count(name)]
         verdicts = ", ".join(f"{self.count(name)} {name}" for name in named)
         told = f"; of {len(self.elements)} elements {verdicts}" if self.elements else ""
-        return f"{', '.join(found) or 'no mismatch'}{told}"
+        count = len(self.unexplained)
+        more = f"; {count} other thing{'s are' if count > 1 else ' is'} not in the model" if count else ""
+        return f"{', '.join(found) or 'no mismatch'}{told}{more}"
 
 
 def once(elements: Iterable[ElementVerdict]) -> Iterator[ElementVerdict]:

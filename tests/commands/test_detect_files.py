@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxmm import detect
 from jaxmm.commands import detect_files
+from jaxmm.commands.detect_options import notes_in_short
 from jaxmm.files import _clear_unfinished, check_empty, load_json, write_folder
 from jaxmm.formats.poses import OPTICAL, GivenPose, parse_pose, read_poses
 from jaxmm.ifc.update import write_update
@@ -285,3 +286,16 @@ def test_an_optical_frame_is_read_and_named_where_it_would_fit(room, tmp_path):
         with pytest.raises(InputError, match=r"--frame optical$") as told:
             detect(case.ifc, optical, by_angles, reading=detect_files.Reading(frame=wrong))
         assert "\n" not in str(told.value)
+
+
+def test_what_many_scans_have_in_common_is_told_once():
+    told = [(f"drive#{number}", (f"its ranges err by {10 + number}.5 mm", "dark")) for number in range(6)]
+    lines = list(notes_in_short([*told, ("b.ply", ("its ranges err", "dark"))]))
+    assert lines == [
+        "drive#0: its ranges err by 10.5 mm (and 5 scans more, but for the numbers; report.md has all)",
+        "drive#0: dark (and 6 scans more, but for the numbers; report.md has all)",
+        "b.ply: its ranges err",
+    ]
+    few = list(notes_in_short(told[:2]))
+    first, second = (f"drive#{number}: its ranges err by {10 + number}.5 mm" for number in range(2))
+    assert few == [first, second, "drive#0: dark", "drive#1: dark"]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import jaxmm
+from jaxmm.classes.unexplained import Unexplained
 from jaxmm.deviations.deviation import Deviation
 from jaxmm.formats.dates import Taken
 from jaxmm.learning.element_boxes import UprightBox
@@ -247,13 +248,17 @@ def test_the_summary_counts():
     wall = Mismatch("wall", "added", np.zeros(3), np.ones(3), 0.0, 0.9)
     elements = tuple(ElementVerdict("", "", "", "", name, 0.0, 0, (0, 0, 0, 0)) for name in ("present", "removed") * 2)
     detection = random_detection(0)._replace(
-        mismatches=(wall, wall, wall._replace(object_type="pillar")), elements=elements
+        mismatches=(wall, wall, wall._replace(object_type="pillar")), elements=elements, unexplained=()
     )
     assert (
         detection.summary()
         == "1 pillar added, 2 walls added; of 4 elements 2 present, 2 removed, 0 occluded, 0 unscanned"
     )
-    assert detection._replace(mismatches=(), elements=()).summary() == "no mismatch"
+    nothing = detection._replace(mismatches=(), elements=(), unexplained=())
+    assert nothing.summary() == "no mismatch"
+    thing = Unexplained(np.zeros(3), np.ones(3), 0.0, 9)
+    for count, told in ((1, "1 other thing is not in the model"), (2, "2 other things are not in the model")):
+        assert nothing._replace(unexplained=(thing,) * count).summary() == f"no mismatch; {told}"
     assert detection.sentences[0] == "A wall has been added at [0. 0. 0.] with dimensions [1. 1. 1.]."
 
 
