@@ -20,6 +20,7 @@ LEAST_SPACING = np.radians(0.3)  # of a pattern: a voxel of 0.1 m is as wide at 
 HOLE = 1.5  # spacings: a cell this large without a measured ray is a hole
 AROUND, UNEVEN = 20, 1.5  # rays that tell how far apart they are about a place; so many spacings apart, it is uneven
 STRIP = np.radians(1.0)  # of elevations, or azimuths, along which gaps between rays are measured
+FAR, FIRST_CELL = np.radians(15.0), 0.02  # from the edge of all rays on, holes may be far; cells to tell that by
 WIDEST_GAP = np.radians(4.0)  # between the rings of a spinning sensor; wider ones are holes
 RINGED = 1.5  # times as far apart as along them, rays lie in rings
 FARTHER, BEHIND = 1.1, 0.1  # times, and [m] more than another ray: well behind it, and no floor
@@ -199,10 +200,39 @@ def _wide(holes: np.ndarray, known: np.ndarray, spacing: float) -> np.ndarray:
     """
     if not len(holes) or len(known) < AROUND:
         return holes
+    wide = _surely_wide(holes, known)
+    if not wide.all():
+        wide[~wide] = _are_wide(holes[~wide], known, spacing)
+    return holes[wide]
+
+
+def _are_wide(holes: np.ndarray, known: np.ndarray, spacing: float) -> np.ndarray:
+    """(Q,) bool, by the ray that is nearest to each of them."""
     tree = small_gicp.KdTree(known.astype(np.float64), num_threads=thread_count(None))
     place, square = tree.batch_nearest_neighbor_search(np.column_stack([holes, np.ones(len(holes))]).astype(np.float64))
     beside, which = np.unique(np.asarray(place), return_inverse=True)
     around = np.asarray(tree.batch_knn_search(np.column_stack([known[beside], np.ones(len(beside))]), AROUND)[1])
     # A square grid of as many rays in as large a circle.
     apart = np.sqrt(around[:, -1] * np.pi / AROUND)[which.reshape(-1)]
-    return holes[(apart <= UNEVEN * spacing) | (np.sqrt(np.asarray(square)) > HOLE * apart)]
+    return (apart <= UNEVEN * spacing) | (np.sqrt(np.asarray(square)) > HOLE * apart)
+
+
+def _surely_wide(holes: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """(Q,) bool: holes that are farther from all rays (P, 3) than any of these can be from those around it.
+
+    As of a camera whose yaw is given the wrong way round: across a sphere nearly all rays are as near as the nearest,
+    and a tree finds that in milliseconds each.
+    """
+    middle = known.mean(axis=0, dtype=np.float64)
+    middle /= max(float(np.linalg.norm(middle)), 1e-9)
+    widest = np.arccos(np.clip(known @ middle, -1.0, 1.0).min())
+    beyond = np.clip(np.arccos(np.clip(holes @ middle, -1.0, 1.0)) - widest, 0.0, None)
+    if not (beyond > FAR).any():
+        return np.zeros(len(holes), bool)
+    cell, few = FIRST_CELL, np.ones(len(known), bool)
+    while cell < 4.0 and few.any():  # those that share a cell with enough others are no farther from them than it spans
+        key = np.floor(known / cell).astype(np.int64) @ np.array([1 << 40, 1 << 20, 1])
+        _, own, count = np.unique(key, return_inverse=True, return_counts=True)
+        few, cell = few & (count[own] < AROUND), 2.0 * cell
+    most = min(2.0, np.sqrt(3.0) * cell / 2.0)
+    return 2.0 * np.sin(beyond / 2.0) > 1.001 * HOLE * most * np.sqrt(np.pi / AROUND)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jaxmm.rays import scan_rays
 from jaxmm.rays.scan_rays import MOST_PATTERN, MOST_RAYS, PosedScan, drawn, measured_points, rays_of_scan
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.sensors.poses import rotation_of
@@ -27,6 +28,23 @@ def test_every_measured_point_comes_back_from_its_ray():
     assert rays.measured == len(scan.points)
     np.testing.assert_allclose(measured_points(rays), scan.points, atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(rays.direction, axis=1), 1.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("strays", [0, 1, 30])
+def test_holes_far_from_all_rays_are_what_the_nearest_ray_tells_of_them(strays):
+    """Everywhere on a sphere about a camera's view; also where single rays lie beside it."""
+    rng = np.random.default_rng(strays)
+    known = full_scan().points.astype(float)[rng.permutation(64_000)[:4000]] - PLACE
+    known = np.concatenate([known, rng.normal(size=(strays, 3)) * [0.1, 1.0, 1.0] + known.mean(axis=0) / 4.0])
+    known = (known / np.linalg.norm(known, axis=1, keepdims=True)).astype(np.float32)
+    holes = rng.normal(size=(6000, 3))
+    holes = (holes / np.linalg.norm(holes, axis=1, keepdims=True)).astype(np.float32)
+    surely = scan_rays._surely_wide(holes, known)
+    for spacing in (0.003, 0.01):
+        told = scan_rays._are_wide(holes, known, spacing)
+        assert told[surely].all() and not told.all()
+        np.testing.assert_array_equal(scan_rays._wide(holes, known, spacing), holes[told])
+    assert strays or surely.mean() > 0.2
 
 
 def test_a_full_scan_has_no_holes_and_a_lost_block_is_one():
