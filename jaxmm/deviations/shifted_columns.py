@@ -14,11 +14,17 @@ import numpy as np
 from jaxmm.rays.scan_rays import ScanRays, measured_points
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.scenes.building import Triangles, element_bounds
-from warp_scanner.scenes.scenes import DOOR, WINDOW
+from warp_scanner.scenes.scenes import DOOR, PILLAR, WINDOW
 from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare_part
 
-WIDEST, LOWEST = 1.2, 1.0  # [m] edges in plan of what may be a column, at most, and its height, at least
-STEP, CLOSE = 0.02, 0.015  # [m] between shifts that are tried, and off the surface
+# [m] along x and y, at most, of what may be a column, and of what the model calls one, which may stand at an angle; and
+# its height, at least.
+WIDE, WIDEST, LOWEST = 1.25, 2.0, 1.0
+STEP, CLOSE, ON = (
+    0.02,
+    0.015,
+    0.03,
+)  # [m] between shifts that are tried; off the surface, to tell them apart, and at most
 THIN = 0.03  # [m] to which points are thinned
 EXPLAINED = 0.02  # [m] from the surface of something else, within which a point is of that
 ENDS = 0.1  # [m] at foot and head that are left out: floors and ceilings are there
@@ -40,9 +46,9 @@ class Shift(NamedTuple):
 def columns_of(scene: TriangleScene) -> np.ndarray:
     """Rows of the elements that are slender and stand; no doors and windows, for their leaves turn."""
     low, high = element_bounds(scene.triangles)
-    size = high - low
-    slender = (size[:, :2].max(axis=1) < WIDEST) & (size[:, 2] > LOWEST)
-    return np.flatnonzero(slender & ~np.isin(scene.triangles.semantic, (DOOR, WINDOW)))
+    size, semantic = high - low, scene.triangles.semantic
+    slender = (size[:, :2].max(axis=1) < np.where(semantic == PILLAR, WIDEST, WIDE)) & (size[:, 2] > LOWEST)
+    return np.flatnonzero(slender & ~np.isin(semantic, (DOOR, WINDOW)))
 
 
 class Beside(NamedTuple):
@@ -92,32 +98,33 @@ class _Squares:
         return np.floor((places - self._least) / SQUARE).astype(np.int64)
 
 
-def shifts_of(scene: TriangleScene, shown: Iterable[Beside], rows: np.ndarray, most: float) -> dict[int, Shift]:
+def shifts_of(
+    scene: TriangleScene, shown: Iterable[Beside], rows: np.ndarray, most: float, others: TriangleScene | None = None
+) -> dict[int, Shift]:
     """Of some columns, by their rows, those that stand up to `most` [m] off their places, by what each scan shows.
 
-    One scan is held at a time, and of it what is about `rows`.
+    One scan is held at a time, and of it what is about `rows`. `others` are where all other elements stand, if not
+    where the scene has them.
     """
     place = {int(row): number for number, row in enumerate(columns_of(scene)) if row in rows}
     about: dict[int, list[np.ndarray]] = {row: [] for row in place}
     for one in shown if place else ():
         for row, number in place.items():
             about[row].append(one.of(number).copy())
-    low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
-    found = {int(row): _shift(scene.triangles, np.concatenate(about[row]), (low, high), row, most) for row in place}
+    beside = (others or scene).triangles
+    found = {int(row): _shift(scene.triangles, beside, np.concatenate(about[row]), row, most) for row in place}
     return {row: one for row, one in found.items() if one is not None}
 
 
-def _shift(
-    triangles: Triangles, about: np.ndarray, bounds: tuple[np.ndarray, np.ndarray], row: int, most: float
-) -> Shift | None:
-    low, high = bounds
+def _shift(triangles: Triangles, others: Triangles, about: np.ndarray, row: int, most: float) -> Shift | None:
     if len(about) < LEAST_POINTS:
         return None
     about = about[thin_clouds([about], THIN)[0]]
-    near = np.all((high > low[row] - 1.0) & (low < high[row] + 1.0), axis=1)
+    (low, high), own = element_bounds(others), triangles.vertices[triangles.faces[triangles.element == row]]
+    near = np.all((high > own.min(axis=(0, 1)) - 1.0) & (low < own.max(axis=(0, 1)) + 1.0), axis=1)
     near[row] = False
-    if (near := near[triangles.element]).any():
-        about = about[clearance(prepare_part(triangles, near), about, 2.0 * EXPLAINED) > EXPLAINED]
+    if (near := near[others.element]).any():
+        about = about[clearance(prepare_part(others, near), about, 2.0 * EXPLAINED) > EXPLAINED]
     if len(about) < LEAST_POINTS:
         return None
     about = about[:: -(-len(about) // MOST_POINTS)]
@@ -127,9 +134,11 @@ def _shift(
     tried = tried[np.linalg.norm(tried, axis=1) <= most]
     laid = (about[None] - tried[:, None].astype(np.float32)).reshape(-1, 3)
     own = prepare_part(triangles, triangles.element == row)
-    on = np.sum(clearance(own, laid, 2.0 * CLOSE).reshape(len(tried), -1) < CLOSE, axis=1)
+    off = clearance(own, laid, ON).reshape(len(tried), -1)
+    on = np.sum(off < CLOSE, axis=1)
     in_place = on[np.argmin(np.linalg.norm(tried, axis=1))]
-    if on.max() < LEAST_SHARE * len(about) or in_place > AS_GOOD * on.max():
+    # Ranges err by a centimetre and more, and so does the nearest shift that is tried.
+    if np.sum(off[on.argmax()] < ON) < LEAST_SHARE * len(about) or in_place > AS_GOOD * on.max():
         return None
     good = tried[on >= AS_GOOD * on.max(), :2]
     if np.ptp(good, axis=0).max() > MOST_SPREAD:

@@ -76,7 +76,11 @@ def as_built(
     # What is partly of glass is not looked for there: points that lie on it may be of what is behind its glass.
     slender = np.setdiff1d(slender, _glazed(prior.building))
     lost = [row for row in slender if row not in found or found[row].stands < WHOLLY]
-    shifts = shifts_of(prior.scene, beside, np.array(lost, int), limits.most)
+    around = {
+        row: step for row, step in moved.items() if row not in lost
+    }  # a wall that moved explains its points there
+    others = _with_moved(prior, around, found) if around and lost else prior
+    shifts = shifts_of(prior.scene, beside, np.array(lost, int), limits.most, others.scene)
     if shifts:
         there = _with_moved(prior, moved | {row: (one.step, np.zeros(3)) for row, one in shifts.items()}, found)
         laid = deviations_by(there.scene, again(there, np.array(list(shifts))), tolerance)

@@ -194,6 +194,27 @@ def test_a_column_beside_its_place_is_found_by_its_shape(step):
     assert np.all(np.abs(found.step[:2] - step[:2]) <= found.half + 0.01) and np.all(found.half <= 0.07)
 
 
+@pytest.mark.parametrize("half, turned", [(0.45, 45.0), (0.65, 0.0)])
+def test_a_wide_column_beside_its_place_is_found_as_a_slender_one_is(half, turned):
+    column = building_of((*HALL[:COLUMN], ((-3.5, -2.0, 1.5), (half, half, 1.5), PILLAR))).triangles
+    model = moved(column, COLUMN, turn=(0.0, 0.0, turned))
+    step, scene = (-0.16, 0.16, 0.0), prepare(model)
+    found = shifts_of(scene, [beside_columns(scene, seen(moved(model, COLUMN, step)), 0.3)], np.array([COLUMN]), 0.3)
+    assert np.all(np.abs(found[COLUMN].step[:2] - step[:2]) <= found[COLUMN].half + 0.01)
+    wall = building_of((*HALL[:COLUMN], ((-3.5, -2.0, 1.5), (half, half, 1.5), WALL))).triangles
+    assert COLUMN not in columns_of(prepare(moved(wall, COLUMN, turn=(0.0, 0.0, turned))))
+
+
+def test_a_column_is_found_beside_a_wall_that_moved_too_by_ranges_that_err():
+    """What the scan shows of the wall is no part of what the column must explain."""
+    step, wall = (-0.16, 0.16, 0.0), ((-4.0, 0.0, 1.5), (0.1, 5.0, 1.5), WALL)
+    model = building_of((*HALL[:2], wall, *HALL[3:])).triangles
+    others = moved(model, 2, (0.08, 0.0, 0.0))
+    beside = beside_columns(prepare(model), seen(moved(others, COLUMN, step), noise=0.01), 0.3)
+    found = shifts_of(prepare(model), [beside], np.array([COLUMN]), 0.3, prepare(others))[COLUMN]
+    assert np.all(np.abs(found.step[:2] - step[:2]) <= found.half + 0.01)
+
+
 def test_a_column_in_its_place_or_far_from_it_is_not_found_beside_it():
     scene, rows = prepare(hall()), np.array([COLUMN])
     for step in ((0.0, 0.0, 0.0), (0.6, 0.2, 0.0)):
