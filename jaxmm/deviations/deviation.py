@@ -85,7 +85,8 @@ def shifted(one: Deviation, shift: Shift) -> Deviation:
         interval=tuple(both and (float(both[0]), float(both[1])) for both in interval),
         distance=distance, direction=_plain(way), half=half, coverage=0.0,
         classes={"loa": loa_of(distance + one.flatness), "din18202": din_of(distance, half, long, slope, high)},
-        worst=distance + max(0.0, one.worst - one.half), step=_plain(offset),
+        # Its ends are off by what it is turned or leans, whatever its middle is off there.
+        worst=distance + max(0.0, one.worst - one.half - abs(one.distance)), step=_plain(offset),
     )  # fmt: skip
 
 

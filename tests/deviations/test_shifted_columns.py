@@ -42,3 +42,13 @@ def test_a_rough_shaft_is_no_farther_off_than_a_smooth_one(leans):
         for flatness in (0.0, 0.03)
     )  # fmt: skip
     assert smooth.surely == rough.surely == pytest.approx(0.05 + leans - 0.02)
+
+
+def test_what_a_pose_alone_shifted_is_in_its_place():
+    """A column that shows beside its place for the pose is off by as much the other way there: neither end is off."""
+    shift = Shift(np.array([0.16, 0.0, 0.0]), np.array([0.02, 0.02]))
+    there = Deviation(
+        (-0.16, 0.0, 0.0), ((-0.161, -0.159), None, None), -0.16, (1.0, 0.0, 0.0), None, None, 0.0, 0.0, 900, {},
+        half=0.001, worst=0.161,
+    )  # fmt: skip
+    assert shifted(there, shift).surely == pytest.approx(0.0, abs=1e-9)
