@@ -44,7 +44,8 @@ weights: setup
 	$(BIN)/jaxmm train configs/weights.toml --out runs/weights
 	cp runs/weights/models.safetensors jaxmm/weights/default.safetensors
 	cp runs/weights/calibration.json jaxmm/weights/calibration.json
-	$(BIN)/python -m jaxmm.runs.object_training --out jaxmm/weights/objects.safetensors --draws runs/draws
+	$(BIN)/python -m jaxmm.runs.object_training --out runs/weights/rooms.safetensors --draws runs/draws
+	$(BIN)/python -m jaxmm.runs.flat_training --judge runs/weights/rooms.safetensors --out jaxmm/weights/objects.safetensors --draws runs/draws
 
 lint: setup
 	$(BIN)/ruff check .
@@ -67,6 +68,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.poses
 	$(BIN)/python -m benchmarks.deviations
 	$(BIN)/python -m benchmarks.mirrors
+	$(BIN)/python -m benchmarks.flats
 	$(BIN)/python -m benchmarks.pose_search
 	$(BIN)/python -m benchmarks.matrix
 	$(BIN)/python -m benchmarks.accuracy --out runs/accuracy

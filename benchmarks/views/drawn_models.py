@@ -36,14 +36,15 @@ class Block(NamedTuple):
     points: int = 0  # of the scan, on its face
 
 
-def drawn(points: np.ndarray, position: np.ndarray) -> list[Block]:
+def drawn(points: np.ndarray, position: np.ndarray, levels: tuple[float, float] | None = None) -> list[Block]:
     """Floor, ceiling, walls and all else that one scan shows, the last as furniture.
 
     Args:
         points: (N, 3) [m].
         position: (3,) [m] of the sensor; walls are thick away from it.
+        levels: [m] of floor and ceiling, where they are known: a large table may be the fullest level.
     """
-    floor, ceiling = levels_of(points)
+    floor, ceiling = levels or levels_of(points)
     low, high = (np.percentile(points[:, :2], which, axis=0) + way * MARGIN for which, way in ((1, -1), (99, 1)))
     slabs = [
         Block(np.array([*(low + high) / 2, z]), np.array([*(high - low), THICKNESS]), 0.0, kind)
@@ -89,15 +90,20 @@ def write_blocks(path: Path, elements: list[list[Block]]) -> dict[int, str]:
     """Elements of one or more blocks as an IFC file; returns the GlobalId of each by its number."""
     blocks = [block for parts in elements for block in parts]
     number = np.repeat(np.arange(len(elements), dtype=np.int32), [len(parts) for parts in elements])
+    return write_room(path, table_of(blocks, number), 0)
+
+
+def table_of(blocks: list[Block], number: np.ndarray) -> Primitives:
+    """Blocks as the primitives of one room, each of the element (n,) int32 that it is of."""
     count = len(blocks)
-    return write_room(path, Primitives(
+    return Primitives(
         np.full((1, count), BOX, np.uint8),
         np.array([[one.center for one in blocks]], np.float32),
         np.array([[one.size / 2 for one in blocks]], np.float32),
         np.array([[one.yaw for one in blocks]], np.float32),
         number[None],
         np.array([[one.semantic for one in blocks]], np.uint8),
-    ), 0)  # fmt: skip
+    )  # fmt: skip
 
 
 def with_openings(wall: Block, points: np.ndarray, position: np.ndarray) -> list[Block]:

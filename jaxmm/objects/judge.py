@@ -19,6 +19,7 @@ from jaxmm.inputs import InputError, one_line
 from jaxmm.objects.clues import CLUES
 from jaxmm.weights import OBJECTS
 
+LOW = 2.65  # [m] from floor to ceiling, up to which later rounds count: few rooms of the first ones are so low
 KINDS = ("nothing", "pillar", "wall")
 
 
@@ -32,6 +33,7 @@ class ObjectJudge(NamedTuple):
     clue: np.ndarray  # (T, K, 2^D - 1) uint8 index into CLUES
     limit: np.ndarray  # (T, K, 2^D - 1) float32; inf where a tree ends early, so that the first leaf below counts
     leaf: np.ndarray  # (T, K, 2^D) float32
+    low: np.ndarray  # (T,) uint8: 1 for rounds that count in rooms up to LOW alone, else 0
 
 
 def judge_objects(judge: ObjectJudge, clues: np.ndarray) -> np.ndarray:
@@ -43,8 +45,15 @@ def judge_objects(judge: ObjectJudge, clues: np.ndarray) -> np.ndarray:
     for _ in range((inner + 1).bit_length() - 1):
         larger = clues[row, judge.clue[rounds, kind, node]] > judge.limit[rounds, kind, node]
         node = 2 * node + 1 + larger
-    score = judge.start + judge.leaf[rounds, kind, node - inner].sum(axis=1, dtype=np.float64)
-    return softmax(score, axis=1)
+    leaf = judge.leaf[rounds, kind, node - inner]
+    if judge.low.any():
+        leaf *= ~judge.low.astype(bool)[:, None] | is_low(clues)[:, None, None]
+    return softmax(judge.start + leaf.sum(axis=1, dtype=np.float64), axis=1)
+
+
+def is_low(clues: np.ndarray) -> np.ndarray:
+    """(C,) bool: candidates in rooms up to LOW, from the clues (C, F): how high they reach, and what is left above."""
+    return clues[:, CLUES.index("top")] + clues[:, CLUES.index("left")] <= LOW
 
 
 def save_judge(judge: ObjectJudge, path: Path, metadata: dict[str, str]) -> None:
@@ -79,6 +88,8 @@ def _fits(judge: ObjectJudge) -> bool:
     if judge.start.shape != (len(KINDS),) or len(shape) != 3 or shape[1] != len(KINDS) or shape[2].bit_count() != 1:
         return False
     if not judge.clue.shape == judge.limit.shape == (*shape[:2], shape[2] - 1):
+        return False
+    if judge.low.shape != shape[:1] or judge.low.dtype != np.uint8 or np.any(judge.low > 1):
         return False
     if judge.clue.dtype != np.uint8 or any(one.dtype != np.float32 for one in (judge.start, judge.limit, judge.leaf)):
         return False

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.ensemble import GradientBoostingClassifier
 
 from jaxmm.config import CONDITIONS, MULTI_SCENARIOS, SCENARIOS, UNCHANGED
@@ -118,7 +119,7 @@ def examples_of_draw(number: int) -> Examples:
     draw, judges = drawn(number), read_judges(DEFAULT)
     rooms = range(number * AT_ONCE, (number + 1) * AT_ONCE)
     cases = room_cases(draw.scene, draw.condition, SEED, rooms, **draw.changed)
-    return _joined([_examples_of_room(case, judges, draw) for case in cases])
+    return joined([_examples_of_room(case, judges, draw) for case in cases])
 
 
 def kept_draw(folder: Path | None, number: int) -> Examples:
@@ -132,21 +133,52 @@ def kept_draw(folder: Path | None, number: int) -> Examples:
     return made
 
 
-def boosted_trees() -> GradientBoostingClassifier:
-    """What learns, before it does: its settings were chosen on candidates of validation rooms."""
+class _Learnt(ClassifierMixin, BaseEstimator):
+    """What a judge says, from which further trees go on."""
+
+    def __init__(self, judge: ObjectJudge):
+        self.judge = judge
+
+    def fit(self, clues: np.ndarray, kind: np.ndarray, sample_weight: np.ndarray | None = None) -> "_Learnt":
+        """Nothing more is learnt."""
+        self.classes_ = np.arange(len(KINDS))
+        return self
+
+    def predict_proba(self, clues: np.ndarray) -> np.ndarray:
+        """Probability (K, kinds)."""
+        return judge_objects(self.judge, clues)
+
+
+def boosted_trees(onto: ObjectJudge | None = None, rounds: int | None = None) -> GradientBoostingClassifier:
+    """What learns, before it does: its settings were chosen on candidates of validation rooms.
+
+    Args:
+        onto: a judge whose errors the trees learn; None: from nothing.
+        rounds: how many; by default ROUNDS.
+    """
     return GradientBoostingClassifier(
-        n_estimators=ROUNDS, learning_rate=RATE, max_depth=DEPTH, subsample=SHARE, max_features=CLUES_AT_ONCE,
-        min_samples_leaf=LEAST, random_state=0,
+        n_estimators=rounds or ROUNDS, learning_rate=RATE, max_depth=DEPTH, subsample=SHARE,
+        max_features=CLUES_AT_ONCE, min_samples_leaf=LEAST, random_state=0, init=onto and _Learnt(onto),
     )  # fmt: skip
 
 
-def fit(examples: Examples) -> ObjectJudge:
-    """The trees, each grown on a share of the candidates, drawn anew, and on a few clues at every branch."""
-    boosted = boosted_trees().fit(examples.clues.astype(np.float32), examples.kind)
+def fit(examples: Examples, onto: ObjectJudge | None = None, rounds: int | None = None) -> ObjectJudge:
+    """The trees, each grown on a share of the candidates, drawn anew, and on a few clues at every branch.
+
+    Args:
+        examples: to learn from.
+        onto: a judge that is to learn more of low rooms, which all examples then are from: its own trees come first,
+            and stay as they are.
+        rounds: how many are grown; by default ROUNDS.
+    """
+    boosted = boosted_trees(onto, rounds).fit(examples.clues.astype(np.float32), examples.kind)
     trees = [[_whole(tree.tree_) for tree in each] for each in boosted.estimators_]
     clue, limit, leaf = (np.array([[tree[part] for tree in each] for each in trees]) for part in range(3))
-    share = np.bincount(examples.kind, minlength=len(KINDS)) / len(examples.kind)
-    return ObjectJudge(np.log(share).astype(np.float32), clue, limit, leaf)
+    if onto is None:
+        share = np.bincount(examples.kind, minlength=len(KINDS)) / len(examples.kind)
+        return ObjectJudge(np.log(share).astype(np.float32), clue, limit, leaf, np.zeros(len(leaf), np.uint8))
+    grown = zip(onto[1:], (clue, limit, leaf, np.ones(len(leaf), np.uint8)), strict=True)
+    return ObjectJudge(onto.start, *(np.concatenate(both) for both in grown))
 
 
 def _whole(tree: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -179,7 +211,7 @@ def _examples_of_room(case: RoomCase, judges: Judges, draw: Draw) -> Examples:
     try:
         looked = look_at(prior, rays_of_scan(settled(case.scan).scan), judges, changes)[0]
     except InputError:  # hardly anything of the cloud in view
-        return _joined([])
+        return joined([])
     parts = []
     for change in changes:
         judged = judged_side([looked], change)
@@ -190,7 +222,7 @@ def _examples_of_room(case: RoomCase, judges: Judges, draw: Draw) -> Examples:
         truth = true_boxes(case.pairs, case.row, 1 if change == "added" else -1)[0]
         kind = [kind_of(examined.sight.points[one.members], truth) for one in examined.candidates]
         parts.append(Examples(examined.clues, np.array(kind, np.int64)))
-    return _joined(parts)
+    return joined(parts)
 
 
 def _turned(known: KnownBuilding, angle: float) -> KnownBuilding:
@@ -212,12 +244,13 @@ def kind_of(points: np.ndarray, truth: list[Box]) -> int:
     return KINDS.index(truth[best - 1].object_type) if share[best] > 0.5 else 0
 
 
-def _joined(parts: list[Examples]) -> Examples:
+def joined(parts: list[Examples]) -> Examples:
+    """All of them, in their order."""
     parts = [Examples(np.zeros((0, len(CLUES))), np.zeros(0, np.int64)), *parts]
     return Examples(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
-def _told(judge: ObjectJudge, kept: Examples) -> dict[str, float]:
+def told_of(judge: ObjectJudge, kept: Examples) -> dict[str, float]:
     """How well a judge does on candidates that it was not trained on."""
     share = judge_objects(judge, kept.clues)
     real, is_real = share[:, 0] < 0.5, kept.kind > 0
@@ -231,10 +264,20 @@ def _told(judge: ObjectJudge, kept: Examples) -> dict[str, float]:
     }
 
 
+def models_digest() -> str:
+    """Of the networks whose probabilities a judge learns to weigh."""
+    return hashlib.sha256(DEFAULT.read_bytes()).hexdigest()
+
+
+def draws_name() -> str:
+    """Of the folder that keeps draws: what other code made, or of other networks, would differ."""
+    return f"{versions()['code'][:12]}-{models_digest()[:12]}"
+
+
 def main(out: Path, rooms: int, kept_in: Path | None = None) -> None:
     """Make the rooms, train, save, and print how it does on the draws that it did not train on."""
-    models = hashlib.sha256(DEFAULT.read_bytes()).hexdigest()  # whose probabilities it learns to weigh
-    folder = kept_in and kept_in / f"{versions()['code'][:12]}-{models[:12]}"  # what other code made would differ
+    models = models_digest()
+    folder = kept_in and kept_in / draws_name()
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     with worker_pool() as pool:
@@ -244,9 +287,9 @@ def main(out: Path, rooms: int, kept_in: Path | None = None) -> None:
             for draw in pool.map(partial(kept_draw, folder), range(count)):
                 draws.append(draw)
                 bar.update(AT_ONCE)
-    kept = _joined(draws[::KEPT])
-    judge = fit(_joined([draw for number, draw in enumerate(draws) if number % KEPT]))
-    told = _told(judge, kept)
+    kept = joined(draws[::KEPT])
+    judge = fit(joined([draw for number, draw in enumerate(draws) if number % KEPT]))
+    told = told_of(judge, kept)
     rooms = str(AT_ONCE * len(draws))
     save_judge(judge, out, {"seed": str(SEED), "rooms": rooms, "kept": json.dumps(told), "models": models})
     print(json.dumps(told))

@@ -73,4 +73,5 @@ def says(nothing: float, pillar: float, wall: float) -> ObjectJudge:
     """A judge that gives every candidate the same probabilities."""
     no_clue, no_limit = np.zeros((1, len(KINDS), 1), np.uint8), np.full((1, len(KINDS), 1), np.inf, np.float32)
     odds = np.log([nothing, pillar, wall]).astype(np.float32)
-    return ObjectJudge(odds, no_clue, no_limit, np.zeros((1, len(KINDS), 2), np.float32))
+    no_leaf = np.zeros((1, len(KINDS), 2), np.float32)
+    return ObjectJudge(odds, no_clue, no_limit, no_leaf, np.zeros(1, np.uint8))

@@ -1,0 +1,136 @@
+"""Trains the judge of objects further, on candidates of small, low and crowded flats among those of rooms.
+
+    python -m jaxmm.runs.flat_training --judge FILE --out FILE [--flats 1200] [--rooms 500] [--draws DIR]
+
+K candidates, F clues. The judge has learnt from rooms (`object_training`), of which few are low and none is crowded.
+MORE rounds of trees, which count in low rooms alone, are grown on what it is still wrong about there: candidates of
+flats, where walls are short and things stand close before them, and those of the low ones of so many of its rooms. A
+tenth of the flats is kept from training, to say how well it does.
+"""
+
+import argparse
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import safetensors
+
+from jaxmm.files import load_arrays, write_arrays
+from jaxmm.inputs import InputError
+from jaxmm.learning.boxes import Box
+from jaxmm.learning.prediction import Judges, read_judges
+from jaxmm.learning.upright_shapes import outside
+from jaxmm.objects.finder import ObjectSettings, examine
+from jaxmm.objects.judge import KINDS, is_low, load_judge, save_judge
+from jaxmm.progress import bar_of
+from jaxmm.rays.range_noise import settled
+from jaxmm.rays.scan_rays import rays_of_scan
+from jaxmm.runs.flat_scans import FlatCase, flat_case
+from jaxmm.runs.object_training import AT_ONCE, KEPT, WITHIN, Examples, draws_name, fit, joined, kept_draw, told_of
+from jaxmm.verdicts.mismatches import judged_side
+from jaxmm.verdicts.station_steps import look_at
+from jaxmm.weights import DEFAULT
+from warp_scanner.cores import worker_pool
+
+SEED = 5  # of the flats: of no other training, validation or test
+AT_ONCE_FLATS = 20  # flats of one draw
+MORE = 200  # rounds; chosen on flats that were kept out
+
+
+def examples_of_flat(case: FlatCase, judges: Judges) -> Examples:
+    """The candidates of one flat."""
+    try:
+        looked = look_at(case.prior, rays_of_scan(settled(case.scan).scan), judges, ("added",))[0]
+    except InputError:  # hardly anything of the model in view
+        return joined([])
+    judged = judged_side([looked], "added")
+    if not len(judged.points):
+        return joined([])
+    examined = examine(judged, ObjectSettings(), case.prior.known)
+    kind = [kind_among(examined.sight.points[one.members], case.lacking) for one in examined.candidates]
+    return Examples(examined.clues, np.array(kind, np.int64))
+
+
+def kind_among(points: np.ndarray, truth: list[Box]) -> int:
+    """Index into KINDS of the type that most of the points (n, 3) are of: stretches of one wall count together."""
+    share = [0.5]
+    for kind in KINDS[1:]:
+        off = [_off(points, box) for box in truth if box.object_type == kind]
+        share.append(float(np.mean(np.min(off, axis=0) <= WITHIN)) if off else 0.0)
+    return int(np.argmax(share))
+
+
+def _off(points: np.ndarray, box: Box) -> np.ndarray:
+    """(n,) [m] that points are outside of a box, in plan."""
+    turn = np.radians(box.rotation)
+    return outside(points[:, :2], box.center[:2], box.dimensions[:2], np.array([np.cos(turn), np.sin(turn)]))
+
+
+def flats_of_draw(number: int) -> Examples:
+    """The candidates of AT_ONCE_FLATS flats."""
+    judges, first = read_judges(DEFAULT), number * AT_ONCE_FLATS
+    return joined([examples_of_flat(flat_case(SEED, first + one), judges) for one in range(AT_ONCE_FLATS)])
+
+
+def kept_flats(folder: Path | None, number: int) -> Examples:
+    """The same, read from a folder where it is there, else made and written to it; None: of no folder."""
+    path = folder / f"flats-{number:06d}.npz" if folder else None
+    if path and path.exists():
+        return Examples(**load_arrays(path))
+    made = flats_of_draw(number)
+    if path:
+        write_arrays(path, made._asdict())
+    return made
+
+
+def rooms_apart(count: int, all_rooms: int) -> list[int]:
+    """Numbers of draws of so many rooms, evenly spread over those that the judge learnt from: of all kinds.
+
+    Raises:
+        ValueError: there are fewer than one draw of them, or more than the judge learnt from.
+    """
+    draws, wanted = all_rooms // AT_ONCE, count // AT_ONCE
+    if not 1 <= wanted <= draws:
+        raise ValueError(f"rooms must be {AT_ONCE} to {all_rooms}, got {count}")
+    return list(range(0, draws, draws // wanted))[:wanted]
+
+
+def low_ones(examples: Examples) -> Examples:
+    """Those in low rooms, where alone further rounds count."""
+    return Examples(*(field[is_low(examples.clues)] for field in examples))
+
+
+def main(judge: Path, out: Path, flats: int, rooms: int, kept_in: Path | None = None) -> None:
+    """Make the flats and rooms, train further, save, and print how it does on the flats that it did not train on."""
+    onto = load_judge(judge)
+    with safetensors.safe_open(judge, framework="numpy") as file:
+        metadata = file.metadata()
+    folder = kept_in and kept_in / draws_name()
+    if folder:
+        folder.mkdir(parents=True, exist_ok=True)
+    chosen = rooms_apart(rooms, int(metadata["rooms"]))
+    with worker_pool() as pool, bar_of(f"{flats} flats, {rooms} rooms", flats + rooms, "scene") as bar:
+        draws: dict[str, list[Examples]] = {"flats": [], "rooms": []}
+        for made in pool.map(partial(kept_flats, folder), range(flats // AT_ONCE_FLATS)):
+            draws["flats"].append(made)
+            bar.update(AT_ONCE_FLATS)
+        for made in pool.map(partial(kept_draw, folder), chosen):
+            draws["rooms"].append(made)
+            bar.update(AT_ONCE)
+    learnt = [draw for number, draw in enumerate(draws["flats"]) if number % KEPT] + draws["rooms"]
+    grown, kept = fit(low_ones(joined(learnt)), onto, MORE), low_ones(joined(draws["flats"][::KEPT]))
+    told = {"flats": told_of(grown, kept), "before": told_of(onto, kept)}
+    save_judge(grown, out, metadata | {"flats": str(flats), "kept_further": json.dumps(told)})
+    print(json.dumps(told))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--judge", type=Path, required=True, metavar="FILE")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE")
+    parser.add_argument("--flats", type=int, default=1200, metavar="N")
+    parser.add_argument("--rooms", type=int, default=500, metavar="N")
+    parser.add_argument("--draws", type=Path, metavar="DIR", help="keep what was made of scenes there, to go on from")
+    asked = parser.parse_args()
+    main(asked.judge, asked.out, asked.flats, asked.rooms, asked.draws)
