@@ -23,6 +23,7 @@ COMPASS = ("east", "north-east", "north", "north-west", "west", "south-west", "s
 NEAR = math.cos(math.radians(22.5))  # of a direction to one that has a word
 LEAST_SECOND = 0.005  # [m] of an offset along the faces that tell less, to be worth words
 FINE = 0.0005  # [m] half an interval, below which a tenth of a millimetre is told
+SMALL = 0.001  # [m] an offset, below which it is, too
 _PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z][a-z]*|[0-9]+")
 _VARIANTS = ("StandardCase", "ElementedCase")  # of the classes of IFC, which are the same things
 
@@ -99,7 +100,8 @@ def offset_in_words(one: Deviation) -> str:
 
 
 def _part(size: float, half: float, way: np.ndarray) -> str:
-    low, middle, high = (millimetres(value, half) for value in (size - half, size, size + half))
+    fine = 0.0 if size < SMALL else half  # a table of numbers has it beside the words, and is not 0 where they say so
+    low, middle, high = (millimetres(value, fine) for value in (size - half, size, size + half))
     return f"{middle} mm ({low} to {high}) {way_of(way)}"
 
 

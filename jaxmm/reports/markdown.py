@@ -7,6 +7,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from decimal import ROUND_HALF_UP, Decimal
 from typing import Any
 
 import numpy as np
@@ -118,10 +119,12 @@ def told_size(value: float, seen: bool) -> str:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """A number with fixed digits; a dash where there is none."""
+    """A number with fixed digits, as the page has it; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return GAP
-    return f"{round(float(value), digits) + 0.0:.{digits}f}"  # adding zero takes the sign off -0
+    # The page reads six digits from report.json, and rounds halves up.
+    told = Decimal(round(float(value), 6)).quantize(Decimal(1).scaleb(-digits), ROUND_HALF_UP)
+    return str(told if told else abs(told))  # zero has no sign
 
 
 def percent(share: float | None) -> str:
@@ -130,7 +133,7 @@ def percent(share: float | None) -> str:
         return GAP
     if 0.0 < share < 0.01 or 0.99 < share < 1.0:
         return "< 1 %" if share < 0.5 else "> 99 %"
-    return f"{100.0 * share:.0f} %"
+    return f"{number(100.0 * share, 0)} %"
 
 
 def chance(probability: float) -> str:

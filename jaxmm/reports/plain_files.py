@@ -79,8 +79,8 @@ def write_plain(folder: Path, detection: Detection) -> None:
 def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
     """A row for each mismatch: RFC 4180, units in the header, an empty cell where nothing is known.
 
-    `number` counts from 1, as in report.md and the figures, and `moved_from` is such a number; `measured` says of each
-    dimension, in order, whether it is seen from end to end, or the model's own, or else assumed;
+    `number` counts from 1, as in report.md and the figures, and `moved_from` is such a number; `measured` names
+    the dimensions that are seen from end to end, or the model's own, as "x z", or "none": all others are assumed;
     `type_probability`, whether a real object is of this type. Text that begins with
     =, +, -, @, a tab or a line break gets a leading apostrophe: spreadsheets would run it as a formula.
     """
@@ -90,10 +90,14 @@ def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
         rows.append([
             number, one.mismatch_type, one.object_type, one.shape, *map(float, one.center),
             *map(float, one.dimensions), float(one.rotation), told_probability(one.probability),
-            one.observable_fraction, one.element, origin, " ".join("yes" if seen else "no" for seen in one.measured),
+            one.observable_fraction, one.element, origin, _axes(one.measured),
             None if one.type_probability is None else told_probability(one.type_probability), one.file,
         ])  # fmt: skip
     return as_csv(MISMATCH_COLUMNS, rows)
+
+
+def _axes(seen: Iterable[bool]) -> str:
+    return " ".join(axis for axis, one in zip("xyz", seen, strict=True) if one) or "none"
 
 
 def elements_csv(elements: Iterable[ElementVerdict]) -> str:

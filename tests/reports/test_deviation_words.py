@@ -160,3 +160,8 @@ def test_hostile_names_are_shown_and_whatever_was_measured_can_be_told(removed):
         detection = random_detection(seed)
         assert len(rows_of(deviations_csv(detection.elements))) == len(measured(detection.elements))
         assert ("\n".join(sentences_of(detection)) + as_markdown(detection)).encode("utf-8")
+
+
+def test_an_offset_that_a_table_has_is_not_nothing_in_words():
+    assert offset_in_words(deviation(-0.0003)) == "0.3 mm (-1.7 to 2.3) to the west"
+    assert offset_in_words(deviation(0.023)) == "23 mm (21 to 25) to the east"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxmm.reports.bcf_topics import topics_of
-from jaxmm.reports.markdown import as_markdown, escaped, percent, printable
+from jaxmm.reports.markdown import as_markdown, escaped, number, percent, printable
 from jaxmm.reports.notebook import detection_html
 from jaxmm.reports.page import page_text
 from jaxmm.reports.plain_files import mismatches_csv
@@ -61,7 +61,7 @@ def hostile(detection):
 def test_a_size_that_is_assumed_is_marked_in_every_report(added):
     one = added.mismatches[0]._replace(dimensions=np.array([2.0, 0.15, 2.5]), measured=(True, False, True))
     told = added._replace(mismatches=(one,))
-    assert rows_of(mismatches_csv([one]))[0]["measured"] == "yes no yes"
+    assert rows_of(mismatches_csv([one]))[0]["measured"] == "x z"
     assert "2.00, \\~0.15, 2.50" in as_markdown(told) and ASSUMED_WORDS[1:] in as_markdown(told)
     assert "2.00, ~0.15, 2.50" in detection_html(told)
     assert any("2.00, ~0.15, 2.50 m: ~ before" in topic.description for topic in topics_of(told, "house"))
@@ -198,3 +198,9 @@ def test_a_type_that_is_sure_or_was_never_asked_for_stands_alone(added, sure):
     assert OTHER_TYPE_WORDS not in as_markdown(told) + detection_html(told)
     assert "instead" not in topics_of(told, "house")[0].description
     assert rows_of(mismatches_csv([one]))[0]["type_probability"] == ("" if sure is None or sure != sure else str(sure))
+
+
+def test_numbers_are_those_of_the_page():
+    """It reads six digits from report.json, and its toFixed rounds halves up."""
+    told = {2.125: "2.13", 1.4249999996: "1.43", 1.4249: "1.42", -0.001: "0.00", -2.125: "-2.13"}
+    assert [number(value) for value in told] == list(told.values()) and percent(0.425) == "43 %"

@@ -103,7 +103,7 @@ def test_browser_points_at_what_is_displaced_and_colours_by_it(driver, case, tmp
 
 
 def test_browser_does_not_call_sure_what_is_nearly_sure(driver, case, tmp_path):
-    chances = {0.99951: "> 0.999", 0.9994: "0.999", 0.42: "0.42", 0.0004: "< 0.001", 0.0: "0.000"}
+    chances = {0.99951: "> 99 %", 0.9894: "99 %", 0.425: "43 %", 0.0004: "< 1 %", 0.0: "0 %"}
     one = case.detection.mismatches[0]
     sure = case.detection._replace(mismatches=tuple(one._replace(probability=value) for value in chances))
     with Page(driver, tmp_path / "report.html", sure) as page:
@@ -119,7 +119,7 @@ def test_browser_tells_both_types_of_what_may_be_either(driver, case, tmp_path):
         for index in range(len(found)):
             page.run("document.querySelectorAll('#mismatches button')[arguments[0]].click()", index)
             panels.append(page.text("chosen"))
-    assert "wall 0.78, pillar 0.22" in panels[0]
+    assert "wall 78 %, pillar 22 %" in panels[0]
     assert not any("pillar" in panel for panel in panels[1:])
 
 

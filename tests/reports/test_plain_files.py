@@ -66,7 +66,7 @@ def test_the_csv_of_mismatches_says_all(removed):
         np.testing.assert_allclose([*center, *size], [*one.center, *one.dimensions], atol=1e-6)
         assert (row["number"], row["element"], row["mismatch_type"]) == (str(index), one.element, "removed")
         assert float(row["observable_fraction"]) == pytest.approx(one.observable_fraction, abs=1e-6)
-        assert row["measured"] == "yes yes yes"
+        assert row["measured"] == "x y z"
 
 
 def test_a_moved_object_names_the_number_that_it_was():

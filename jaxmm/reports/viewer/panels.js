@@ -143,9 +143,8 @@ function showUnexplained() {
   byId("unexplained").hidden = !report.unexplained.length;
   byId("unexplained-words").textContent = data.words.unexplained;
   const rows = report.unexplained.slice(0, MOST_THINGS).map((one) => {
-    const size = one.dimensions.map((edge) => edge.toFixed(2)).join(" x ");
-    const place = one.center.map((value) => value.toFixed(2)).join(", ");
-    return make("li", {}, `${size} m at ${place}, ${count(one.points)} points`);
+    const size = one.dimensions.map((edge) => edge.toFixed(2)).join(" × ");
+    return make("li", {}, `${size} m at ${metres(one.center)}, ${count(one.points)} points`);
   });
   const left = report.unexplained.length - rows.length;
   byId("unexplained-list").replaceChildren(...rows, ...(left > 0 ? [make("li", {}, `and ${count(left)} more`)] : []));
@@ -204,9 +203,10 @@ function showDetails() {
   }
   byId("probability-words").textContent = data.words.probability;
   byId("observable-words").textContent = data.words.observable;
-  const notes = [...report.notes, ...data.thinned];
+  const ofScans = report.scans.flatMap((one, scan) => one.notes.map((note) => `Scan ${scan + 1}: ${note}`));
+  const notes = [...report.notes, ...ofScans, ...data.thinned];
   byId("notes").append(notes.length ? make("ul", {}, ...notes.map((note) => make("li", {}, note))) : "None.");
-  byId("notes").open = data.thinned.length > 0;
+  byId("notes").open = data.thinned.length > 0 || report.scans.some((one) => one.doubted);
   const rows = report.scans.map((one, scan) => {
     const { told: changed, shows, alone, ...rest } = one;
     const told = {

@@ -31,15 +31,18 @@ function typeWords(one) {
 /** A place: "x 1.20, y -0.35, z 0.00 m". */
 const metres = (values) => `${values.map((value, axis) => `${"xyz"[axis]} ${fixed(value, 2)}`).join(", ")} m`;
 /** A measured offset, without sign: "23 mm". */
-const millimetres = (one) => `${(1000 * Math.abs(one.distance)).toFixed(one.half < 0.0005 ? 1 : 0)} mm`;
+function millimetres(one) {
+  const fine = one.half < 0.0005 || Math.abs(one.distance) < 0.001;
+  return `${(1000 * Math.abs(one.distance)).toFixed(fine ? 1 : 0)} mm`;
+}
 const capital = (word) => word.charAt(0).toUpperCase() + word.slice(1);
 
-// What is nearly sure is not rounded to sure.
+/** A probability, as report.md has it: what is nearly sure is not rounded to sure. */
 function chance(value) {
   if (value === null) return "unknown";
-  if (value >= 0.9995 && value < 1) return "> 0.999";
-  if (value > 0 && value < 0.0005) return "< 0.001";
-  return value.toFixed(value > 0.995 || value < 0.005 ? 3 : 2);
+  if (value > 0.99 && value < 1) return "> 99 %";
+  if (value > 0 && value < 0.01) return "< 1 %";
+  return `${(100 * value).toFixed(0)} %`;
 }
 
 function poseWords([x, y, z, yaw, pitch]) {
