@@ -145,7 +145,7 @@ def detect_stations(prior: Prior, stations: Stations, settings: DetectSettings) 
     elements = _elements(prior, verdicts, (stations, stood), stands, settings) if verdicts is not None else ()
     elements = _with_boxes(drawn_prior, elements)  # where the model has them, not where they stand
     if verdicts is not None:
-        elements = wholes_of(prior, verdicts, elements, settings)
+        elements = wholes_of(prior, verdicts, elements, settings, stands.deviations)
     watch.lap("next views")
     records = _records(prior, stood, (told, stands, settings, mismatches), telling)
     drawing = drawing_of(drawn_prior, stations.kept(drawn_of), [one.placed.scan for one in stood])

@@ -25,7 +25,7 @@ from jaxmm.verdicts.results import Mismatch
 from jaxmm.verdicts.scan_fusion import Looked, judged_side, rays_to_faces
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.standing_alone import Alone, Boxes, all_of
-from jaxmm.verdicts.verdicts import REMOVED, Verdict, of_pieced
+from jaxmm.verdicts.verdicts import REMOVED, Verdict, keys_of, of_pieced, within
 from warp_scanner.buildings.changes import joint_change, of_element
 from warp_scanner.scenes.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.sensors.scan import Rays as Casts
@@ -119,24 +119,38 @@ def _gone(
     settings: DetectSettings,
     alone_of_rows: Callable[[list[int]], list[list[Alone]]],
 ) -> list[Mismatch]:
-    """The walls and columns whose verdict is removed, with their own boxes; what is gone in all its pieces, as one."""
+    """The walls and columns whose verdict is removed, with their own boxes; what is gone in all its pieces, as one.
+
+    So is what a third file has of it, in fewer pieces.
+    """
     table, semantic, things = prior.building.elements, prior.building.elements.semantic, []
     in_whole: set[int] = set()
-    for whole, pieces, verdict in of_pieced(prior.building, verdicts, settings.verdicts.change_prior):
-        one = whole.element
-        if verdict.verdict == REMOVED and one.semantic in KINDS and settings.asks_for(one.ifc_class, one.semantic):
-            gone = [row for row in pieces if verdicts[row].verdict == REMOVED]
-            things.append(((one.file, one.guid), gone, verdict, joint_change(prior.building, whole, pieces)))
-            in_whole.update(gone)
+    wholes = [
+        (whole, rows, verdict)
+        for whole, rows, verdict in of_pieced(prior.building, verdicts, settings.verdicts.change_prior)
+        if verdict.verdict == REMOVED
+        and whole.element.semantic in KINDS
+        and settings.asks_for(whole.element.ifc_class, whole.element.semantic)
+    ]
+    every = [whole for whole, _, _ in wholes]
+    smaller = {keys_of(other) for whole in every for other in within(whole, every)}
+    for whole, pieces, verdict in wholes:
+        if keys_of(whole) in smaller:
+            continue
+        gone = [row for row in pieces if verdicts[row].verdict == REMOVED]
+        keys = [(table.file[row], table.guid[row]) for row in gone]
+        keys += [keys_of(other)[0] for other in within(whole, every)]
+        things.append((keys_of(whole)[0], gone, verdict, joint_change(prior.building, whole, pieces), tuple(keys)))
+        in_whole.update(gone)
     for row, verdict in enumerate(verdicts):
         if verdict.verdict == REMOVED and int(semantic[row]) in KINDS and row not in in_whole:
-            things.append(((table.file[row], table.guid[row]), [row], verdict, of_element(prior.building, row)))
-    rows = [row for _, own, _, _ in things for row in own]
+            things.append(((table.file[row], table.guid[row]), [row], verdict, of_element(prior.building, row), ()))
+    rows = [row for _, own, *_ in things for row in own]
     if not rows:
         return []
     scans, found = alone_of_rows(rows), []
     alone = {row: [of_scan[number] for of_scan in scans] for number, row in enumerate(rows)}
-    for (file, guid), own, verdict, change in things:
+    for (file, guid), own, verdict, change, keys in things:
         kind = KINDS[change.semantic]
         box = Box(kind, change.center.astype(np.float64), change.size.astype(np.float64), float(change.yaw))
         box = box._replace(probability=verdict.probability)
@@ -152,7 +166,7 @@ def _gone(
                 type_probability=1.0,
                 standing=standing,
                 shaft=shaft_size(change) if kind == "pillar" else None,
-                pieces=() if own[0] not in in_whole else tuple((table.file[row], table.guid[row]) for row in own),
+                pieces=keys,
             )
         )
     return found

@@ -58,7 +58,7 @@ class Mismatch(NamedTuple):
     standing: float = 0.0  # share of the rays that tell of a removed element, that end on it; not in report.json
     shaft: np.ndarray | None = None  # (2,) [m] edges of a removed column halfway up; not in report.json
     file: str | None = None  # that the prior's element is of
-    pieces: tuple[Key, ...] = ()  # of a removed one that another file has in pieces: those removed; not in report.json
+    pieces: tuple[Key, ...] = ()  # of a removed one that other files have in pieces: those removed; not in report.json
 
     @property
     def key(self) -> Key:

@@ -178,6 +178,16 @@ def of_pieced(
     return found
 
 
+def keys_of(whole: Pieced) -> tuple[tuple[str, str], ...]:
+    """File and GlobalId of an element that another file has in pieces, and of the same in other files."""
+    return tuple((one.file, one.guid) for one in (whole.element, *whole.twins))
+
+
+def within(whole: Pieced, others: Sequence[Pieced]) -> list[Pieced]:
+    """Those of some elements that are in pieces, whose pieces are some of another's: a third file has it in these."""
+    return [other for other in others if set(other.pieces) < set(whole.pieces)]
+
+
 def is_seen(rays: np.ndarray, settings: VerdictSettings) -> np.ndarray:
     """(E,) bool: whether enough of the rays (E, 4) went through an element or ended on it to tell.
 

@@ -1,23 +1,34 @@
 """Verdicts of any class: by rays that nothing else explains, and of what is put together from elements by its parts.
 
 Such are a stair of flights, a roof of slabs, a facade of plates and members, and one trade's wall that another has in
-pieces. E elements. A whole is gone only if all of
-its parts that can be told of are; where one stands, something of it does.
+pieces. E elements. A whole is gone only if all of its parts that can be told of are; where one stands, something of it
+does.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from jaxmm.classes.selection import is_of
 from jaxmm.classes.telling_rays import Telling
+from jaxmm.deviations.deviation import Deviation
 from jaxmm.learning.element_boxes import UprightBox
 from jaxmm.verdicts.behind_removed import filling, gone_of, holders
 from jaxmm.verdicts.mismatches import KINDS
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import ElementVerdict, Key, Pose
 from jaxmm.verdicts.settings import DetectSettings
-from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, Verdict, of_parts, of_pieced
+from jaxmm.verdicts.verdicts import (
+    DISPLACED,
+    OCCLUDED,
+    PRESENT,
+    REMOVED,
+    Verdict,
+    keys_of,
+    of_parts,
+    of_pieced,
+    within,
+)
 from warp_scanner.scenes.building import rows_by_key
 
 Ask = Callable[[np.ndarray, np.ndarray], list[Telling]]
@@ -44,7 +55,11 @@ def telling_of(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSet
 
 
 def wholes_of(
-    prior: Prior, verdicts: list[Verdict], elements: tuple[ElementVerdict, ...], settings: DetectSettings
+    prior: Prior,
+    verdicts: list[Verdict],
+    elements: tuple[ElementVerdict, ...],
+    settings: DetectSettings,
+    deviations: Mapping[int, Deviation],
 ) -> tuple[ElementVerdict, ...]:
     """The verdicts of elements that are asked for, those of wholes by their parts, which name each other.
 
@@ -53,6 +68,7 @@ def wholes_of(
         verdicts: of all its elements, parts that nobody asks for, too.
         elements: those that are asked for, by themselves.
         settings: who is asked for. Wholes have a class of IFC and none of ours, but for what is in pieces elsewhere.
+        deviations: of its elements that were measured, by row.
     """
     table, storeys = prior.building.elements, prior.building.storeys
     row_of = rows_by_key(table)
@@ -77,8 +93,7 @@ def wholes_of(
     for whole, rows, told in of_pieced(prior.building, verdicts, settings.verdicts.change_prior):
         each = [one for one in (whole.element, *whole.twins) if settings.asks_for(one.ifc_class, one.semantic)]
         keys = [(one.file, one.guid) for one in each]
-        measured = [own[key].deviation for key in whole.pieces if key in own and own[key].deviation is not None]
-        stands = max(measured, key=lambda one: one.rays, default=None) if told.verdict == DISPLACED else None
+        stands = _deviation(told, [(verdicts[row], deviations.get(row)) for row in rows])
         if told.verdict == DISPLACED and stands is None:
             told = told._replace(verdict=PRESENT)
         view = _view(own, whole.pieces) if told.verdict == OCCLUDED else None
@@ -91,7 +106,21 @@ def wholes_of(
             )  # fmt: skip
         here = [key for key in whole.pieces if key in row_of]
         _name(own, keys, {key: verdicts[row] for key, row in zip(here, rows, strict=True)})
+    for whole in prior.building.pieced:
+        for key in (key for other in within(whole, prior.building.pieced) for key in keys_of(other) if key in own):
+            own[key] = own[key]._replace(part_of=(*own[key].part_of, *(one for one in keys_of(whole) if one in own)))
     return tuple(own.values())
+
+
+def _deviation(told: Verdict, parts: Sequence[tuple[Verdict, Deviation | None]]) -> Deviation | None:
+    """Of what is in pieces, that of the piece on which most rays end; None where pieces stand otherwise than others."""
+    if any(one.verdict in (PRESENT, DISPLACED, REMOVED) and one.verdict != told.verdict for one, _ in parts):
+        return None
+    measured = [off for one, off in parts if off is not None and one.verdict == told.verdict]
+    most = max(measured, key=lambda one: one.rays, default=None)
+    if told.verdict == DISPLACED and any(np.dot(one.offset, most.offset) < 0.0 for one in measured):
+        return None
+    return most
 
 
 def _view(own: dict[Key, ElementVerdict], keys: Sequence[Key]) -> Pose | None:

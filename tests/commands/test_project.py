@@ -22,7 +22,7 @@ from jaxmm.verdicts.settings import DetectSettings
 from tests.cases.box_building import shell_of, table_of
 from warp_scanner.buildings.ifc_files import read_ifc
 from warp_scanner.buildings.room_ifc import write_room
-from warp_scanner.scenes.scenes import PILLAR, WALL
+from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
 from warp_scanner.sensors.sensors import sensor_named
 
 jsonschema = pytest.importorskip("jsonschema")
@@ -107,13 +107,14 @@ def seen(tmp_path):
     """Of an architect's wall and its pieces by the mason: what is told where some boxes stand."""
     write_room(tmp_path / "architect.ifc", table_of((*SHELL, WALL_GONE)), 0)
 
-    def told_where(standing, pieces=None, **given):
+    def told_where(standing, pieces=None, more=(), **given):
         write_room(tmp_path / "mason.ifc", table_of(pieces or thirds()), 0)
         write_room(tmp_path / "built.ifc", table_of((*SHELL, *standing)), 0)
         write_scan(tmp_path / "scan.ply", scan(tmp_path / "built.ifc", POSE, SENSOR))
-        found = detected(tmp_path / "architect.ifc", tmp_path / "scan.ply", [tmp_path / "mason.ifc"])
+        also = [tmp_path / "mason.ifc", *more]
+        found = detected(tmp_path / "architect.ifc", tmp_path / "scan.ply", also)
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
-        write_all(found, tmp_path / "architect.ifc", tmp_path / "out", also=[tmp_path / "mason.ifc"], **given)
+        write_all(found, tmp_path / "architect.ifc", tmp_path / "out", also=also, **given)
         walls = [one for one in found.elements if one.file == "architect.ifc" and one.parts]
         return found, walls, [one for one in found.elements if one.file == "mason.ifc"]
 
@@ -187,6 +188,28 @@ def test_a_wall_all_of_whose_pieces_stand_off_their_places_is_displaced(seen):
     found, (wall,), pieces = seen([((x, y - 0.06, z), half, kind)])
     assert not found.mismatches and {one.verdict for one in (wall, *pieces)} == {"displaced"}
     np.testing.assert_allclose(wall.deviation.offset, (0.0, -0.06, 0.0), atol=0.01)
+
+
+def test_a_wall_in_pieces_keeps_its_deviation_though_nobody_asks_for_the_pieces(seen):
+    (x, y, z), half, kind = WALL_GONE
+    found, (wall,), _ = seen([WALL_GONE])
+    np.testing.assert_allclose(wall.deviation.offset, 0.0, atol=2e-3)
+    pieces = [(center, size, OTHER) for center, size, _ in thirds()]
+    found, (wall,), pieces = seen([((x, y - 0.06, z), half, kind)], pieces)
+    assert not pieces and not found.mismatches and wall.verdict == "displaced"
+    np.testing.assert_allclose(wall.deviation.offset, (0.0, -0.06, 0.0), atol=0.01)
+
+
+def test_a_wall_that_three_trades_have_cut_in_three_ways_is_one_mismatch_and_marked_in_all(seen, tmp_path):
+    write_room(tmp_path / "third.ifc", table_of(thirds((0.0, 0.5, 1.0))), 0)
+    found, (wall,), _ = seen([], more=[tmp_path / "third.ifc"])
+    (one,) = found.mismatches
+    assert one.key == wall.key
+    np.testing.assert_allclose(one.dimensions, np.multiply(WALL_GONE[1], 2.0), atol=1e-5)
+    assert marked(tmp_path / "out") == {"mason.ifc": 3, "architect.ifc": 1, "third.ifc": 2}
+    with zipfile.ZipFile(tmp_path / "out/mismatches.bcf") as archive:
+        texts = [archive.read(name).decode() for name in archive.namelist() if name.endswith("markup.bcf")]
+    assert len([text for text in texts if "Overview" not in text]) == 1
 
 
 def test_what_two_trades_cut_at_other_places_is_told_by_the_smaller_parts(seen, tmp_path):

@@ -124,6 +124,39 @@ def test_a_third_file_with_the_whole_or_with_a_piece_is_the_same_too():
     assert all(one.words == packs[0].words for one in packs[1:])
 
 
+@pytest.mark.parametrize("ends", [(0.0, 1 / 3, 2 / 3, 1.0), (0.0, 0.5, 1.0), (0.0, 1 / 3, 1.0)])
+def test_of_what_three_files_have_the_smallest_pieces_have_the_surface(ends):
+    """Cut at the same places by the third, at others, or in parts that the second has in pieces again."""
+    pieces, others = cut(0, (0.0, 1 / 3, 2 / 3, 1.0)), cut(0, ends)
+    files = [read("a.ifc", (*SHELL, WHOLE)), read("b.ifc", pieces), read("c.ifc", others)]
+    found = together(files)
+    assert len(found.elements.guid) == len(SHELL) + 3
+    rows = rows_by_key(found.elements)
+    parts = {guids.pop(): own for guids, own in pieced(found)}
+    assert all(len(own) == len(set(own)) == len({rows[key] for key in own}) for own in parts.values())
+    (whole,) = [own for (file, _), own in parts.items() if file == "a.ifc"]
+    assert len(whole) == 3
+    cuts = [sum(a < high - 0.01 and b > low + 0.01 for a, b in itertools.pairwise((0.0, 1 / 3, 2 / 3, 1.0)))
+            for low, high in itertools.pairwise(ends)]  # fmt: skip
+    told = sorted(len(own) for (file, _), own in parts.items() if file == "c.ifc")
+    assert told == sorted(count for count in cuts if count > 1)
+    np.testing.assert_allclose(ranges(found), ranges(building_of((*SHELL, *pieces))), atol=1e-5)
+    packs = [packed(together(order)).words for order in itertools.permutations(files)]
+    assert all(one == packs[0] for one in packs[1:])
+
+
+def test_pieces_behind_the_faces_of_the_whole_have_these():
+    """The mason's wall lacks the plaster of the architect's: as of twins, the larger one is what rays meet."""
+    core = [(center, (half[0], 0.85 * half[1], half[2]), kind) for center, half, kind in cut(0, (0.0, 0.4, 1.0))]
+    found = together([read("a.ifc", (*SHELL, WHOLE)), read("b.ifc", core)])
+    assert len(found.pieced) == 1 and len(found.elements.guid) == len(SHELL) + 2
+    np.testing.assert_allclose(ranges(found), ranges(building_of((*SHELL, WHOLE))), atol=1e-5)
+    open_ones = [core[0], (core[1][0], core[1][1] * np.array([0.75, 1.0, 1.0]), WALL)]  # rays pass between them
+    found = together([read("a.ifc", (*SHELL, WHOLE)), read("b.ifc", open_ones)])
+    assert len(found.pieced) == 1
+    np.testing.assert_allclose(ranges(found), ranges(building_of((*SHELL, *open_ones))), atol=1e-5)
+
+
 @pytest.mark.parametrize(
     "boxes",
     [

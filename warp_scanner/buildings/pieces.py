@@ -24,6 +24,7 @@ _LEAST = 0.02  # of the whole's box, by a piece: less is an anchor, a strip, a l
 _SLACK = 0.1  # [m] by which a piece may stand out of the whole
 CLOSE, SLIVER = 0.01, 1e-5  # [m] ends of pieces nearer than that are one; heights of triangles that count as none
 CROSSED = 0.2  # of one of two elements, that lies in the other
+SOLID = 0.9  # of an element, that pieces fill which leave no hole between them
 _STEPS = 24  # of the places, along each axis of a box, that tell how much of it is filled
 
 
@@ -35,9 +36,10 @@ def may_be_same(building: Building, one: int, other: int) -> bool:
 
 
 def pieced_elements(building: Building) -> list[tuple[int, tuple[int, ...]]]:
-    """Rows of elements with those, two or more of one other file, that fill the same together; no piece twice.
+    """Rows of elements with those, two or more of one other file, that fill the same together; the largest first.
 
-    Pieces of the class of the whole are preferred to such as have none of our classes.
+    No piece is of two elements of one file. A piece may have pieces itself, in a third file. Pieces of the class of the
+    whole are preferred to such as have none of our classes.
     """
     low, high = (side.astype(np.float64) for side in element_bounds(building.triangles))
     middle, half = (low + high) / 2.0, (high - low) / 2.0
@@ -50,23 +52,24 @@ def pieced_elements(building: Building) -> list[tuple[int, tuple[int, ...]]]:
         return changes[row]
 
     found: list[tuple[int, tuple[int, ...]]] = []
-    taken: set[int] = set()
-    wholes: set[int] = set()
+    taken: set[tuple[str, int]] = set()  # by which file
+    before: set[int] = set()  # what is larger is no piece
     for one in np.argsort(-volume, kind="stable").tolist():
         near = np.array(tree.query_ball_point(middle[one], float(half[one].max()), p=np.inf), int)
         near = near[np.all((low[near] >= low[one] - _SLACK) & (high[near] <= high[one] + _SLACK), axis=1)]
         by_file: dict[str, list[int]] = defaultdict(list)
+        own = building.elements.file[one]
+        before.add(one)
         for other in near.tolist():
-            if other != one and other not in taken and may_be_same(building, one, other):
+            if other not in before and (own, other) not in taken and may_be_same(building, one, other):
                 by_file[building.elements.file[other]].append(other)
         for rows in by_file.values():
-            if len(rows) < 2 or one in taken or volume[rows].sum() < SAME * np.prod(box_of(one).size):
+            if len(rows) < 2 or volume[rows].sum() < SAME * np.prod(box_of(one).size):
                 continue
             pieces = _pieces(building, one, [box_of(row) for row in (one, *rows)], rows)
             if pieces:
                 found.append((one, pieces))
-                taken.update(pieces)
-                wholes.add(one)
+                taken.update((own, piece) for piece in pieces)
     return found
 
 
@@ -78,7 +81,7 @@ def crossing_elements(building: Building, known: set[int]) -> list[tuple[int, tu
 
     Args:
         building: of several files.
-        known: rows of which it is known what they are the same as.
+        known: rows of which it is known what they are the same as, and which therefore do not stay.
     """
     low, high = (side.astype(np.float64) for side in element_bounds(building.triangles))
     low[list(known)], high[list(known)] = np.inf, -np.inf
@@ -146,6 +149,19 @@ def _pieces(building: Building, one: int, boxes: list[Change], rows: list[int]) 
     return ()
 
 
+def lie_behind(whole: Change, boxes: Sequence[Change]) -> bool:
+    """Whether pieces, which leave no hole between them, are thinner than the element that they are of."""
+    thin = int(np.argmin(whole.size))
+    spans = np.array([_span(box, whole) for box in boxes])  # of each, its least and greatest corner
+    ends = spans[:, 0, thin].min(), spans[:, 1, thin].max()
+    if max(ends[0] + whole.size[thin] / 2.0, whole.size[thin] / 2.0 - ends[1]) <= CLOSE:
+        return False
+    places = (_places(whole) - whole.center) @ turn_of(whole)
+    inside = (places >= spans[:, None, 0]) & (places <= spans[:, None, 1])
+    inside[:, :, thin] = True
+    return bool(inside.all(axis=2).any(axis=0).mean() >= SOLID)
+
+
 def shared_out(
     corners: np.ndarray, whole: Change, boxes: Sequence[Change]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -162,9 +178,9 @@ def shared_out(
     """
     turn = turn_of(whole)
     local, source = (corners - whole.center) @ turn, np.arange(len(corners))
-    spans = [(np.array(_corners_of(box)) - whole.center) @ turn for box in boxes]
+    spans = [_span(box, whole) for box in boxes]
     for axis in range(3):
-        ends = np.sort([end for span in spans for end in (span[:, axis].min(), span[:, axis].max())])
+        ends = np.sort([end for span in spans for end in span[:, axis]])
         for end in ends[np.diff(ends, prepend=-np.inf) > CLOSE]:
             local, source = _cut(local, source, axis, float(end))
     middle = local.mean(axis=1) @ turn.T + whole.center
@@ -197,6 +213,12 @@ def _corners_of(box: Change) -> np.ndarray:
     """(8, 3) [m]."""
     signs = np.stack(np.meshgrid(*[(-0.5, 0.5)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     return box.center + (signs * box.size) @ turn_of(box).T
+
+
+def _span(box: Change, whole: Change) -> np.ndarray:
+    """(2, 3) [m] least and greatest corner of a box along the axes of another, from the middle of that."""
+    corners = (_corners_of(box) - whole.center) @ turn_of(whole)
+    return np.array([corners.min(axis=0), corners.max(axis=0)])
 
 
 def _distance(box: Change, places: np.ndarray) -> np.ndarray:

@@ -5,12 +5,21 @@ would speak against the other. E elements; offsets from the building's origin, m
 """
 
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from warp_scanner.buildings.changes import Change, of_element
-from warp_scanner.buildings.pieces import SAME, crossing_elements, may_be_same, pieced_elements, shared_out, turn_of
+from warp_scanner.buildings.pieces import (
+    SAME,
+    crossing_elements,
+    lie_behind,
+    may_be_same,
+    pieced_elements,
+    shared_out,
+    turn_of,
+)
 from warp_scanner.scenes.building import Building, Pieced, Twin, element_bounds
 from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import OTHER
@@ -23,60 +32,90 @@ def with_twins(building: Building) -> tuple[Building, tuple[str, ...]]:
     """The building with one of all that are the same in its table, which names the others as its twins; and notes.
 
     Kept is the one with openings that the others lack, else the larger, else the first by its file's name. What another
-    file has in pieces leaves the table: its pieces stay, and `pieced` tells of it. They have its surface where it has
-    openings that they lack.
+    file has in pieces leaves the table: its pieces stay, the smallest where files have it in several ways, and `pieced`
+    tells of it. They have its surface where it has openings that they lack, or stands out before them.
     """
-    pairs, in_pieces = _pairs(building), pieced_elements(building)
-    known = {row for one, other, _ in pairs for row in (one, other)} | {
-        row for one, pieces in in_pieces for row in (one, *pieces)
-    }
-    pieced = [*in_pieces, *crossing_elements(building, known)]
-    if not pairs and not pieced:
+    in_pieces, group = pieced_elements(building), {}
+    related = {(one, piece) for one, pieces in in_pieces for piece in pieces}
+    for one, other, _ in _pairs(building):
+        _join(building, group, (one, other), related)
+    share = {row: _share(building, row) for row in {*group, *(row for pair in related for row in pair)}}
+    kept_of = {row: _kept(building, group.get(row, [row]), share) for row in share}
+    pieced = _without_circles(in_pieces, kept_of)
+    gone = {row for row, kept in kept_of.items() if row != kept} | {kept_of[one] for one, _ in pieced}
+    pieced = _without_circles([*pieced, *crossing_elements(building, gone)], kept_of)
+    if not gone and not pieced:
         return building, ()
-    group: dict[int, list[int]] = {row: [row] for one, pieces in pieced for row in (one, *pieces)}
-    wholes, parts = {one for one, _ in pieced}, {row for _, pieces in pieced for row in pieces}
-    for one, other, _ in pairs:
-        _join(building, group, (one, other), (wholes, parts))
-    share = {row: _share(building, row) for row in group}
-    gone, twins, kept_of = [], list(building.elements.twins), {}
-    groups = {id(rows): rows for rows in group.values()}.values()
-    for rows in groups:
-        kept = _kept(building, rows, share)
-        kept_of |= dict.fromkeys(rows, kept)
-        twins[kept] = tuple(_twin(building, row) for row in sorted(rows) if row != kept)
-        gone += [row for row in rows if row != kept or row in wholes]
+    gone |= {one for one, _ in pieced}
+    twins, pieces_of = list(building.elements.twins), _pieces_of(pieced, kept_of)
+    for kept in sorted(set(kept_of.values())):
+        twins[kept] = tuple(_twin(building, row) for row in sorted(group.get(kept, ())) if row != kept)
     found = []
-    for kept in sorted({kept_of[one] for one in wholes}):
-        of_all = [pieces for one, pieces in pieced if kept_of[one] == kept]
-        found.append(_pieced(building, kept, twins[kept], of_all))
+    for kept in sorted(pieces_of):
+        named = {kept_of.get(row, row): row for row in sorted(_smallest(pieces_of, kept, kept_of), reverse=True)}
+        found.append(_pieced(building, kept, twins[kept], sorted(named.values())))
         for pieces in (pieces for one, pieces in in_pieces if kept_of[one] == kept):
-            if _lacks_openings(kept, pieces, share):
-                building = _with_openings(building, kept, sorted({kept_of[row] for row in pieces}))
+            if _lacks_openings(kept, pieces, share) or _stands_out(building, kept, pieces, share):
+                own = {kept_of.get(row, row) for row in _smallest({kept: pieces} | pieces_of, kept, kept_of)}
+                building = _with_openings(building, kept, sorted(own))
     told = _said(building, {row: own for row, own in enumerate(twins) if own}, pieced)
     building = building._replace(elements=building.elements._replace(twins=tuple(twins)), pieced=tuple(found))
-    return without(building, np.array(gone, int)), told
+    return without(building, np.array(sorted(gone), int)), told
 
 
 def _join(
-    building: Building, group: dict[int, list[int]], pair: tuple[int, int], roles: tuple[set[int], set[int]]
+    building: Building, group: dict[int, list[int]], pair: tuple[int, int], related: set[tuple[int, int]]
 ) -> None:
     """Put two elements and all that are the same as either into one group.
 
-    Not where that would be two of one file, or a whole and a piece: what is in pieces is known by them.
+    Not where that would be two of one file, or a whole and a piece of it: what is in pieces is known by them.
     """
-    first, second = (group.setdefault(row, [row]) for row in pair)
+    first, second = (group.get(row, [row]) for row in pair)
     both = [*first, *second]
     if len({building.elements.file[row] for row in both}) < len(both):
         return
-    if not any(role.isdisjoint(both) for role in roles):
+    if any((one, other) in related or (other, one) in related for one in first for other in second):
         return
-    first += second
-    group |= dict.fromkeys(second, first)
+    group |= dict.fromkeys(both, both)
 
 
-def _pieced(building: Building, row: int, twins: tuple[Twin, ...], of_all: list[tuple[int, ...]]) -> Pieced:
+def _without_circles(
+    pieced: list[tuple[int, tuple[int, ...]]], kept_of: dict[int, int]
+) -> list[tuple[int, tuple[int, ...]]]:
+    """What is in pieces, but for what would be a piece of its own pieces: no surface would be left of either."""
+    found: list[tuple[int, tuple[int, ...]]] = []
+    for one, pieces in pieced:
+        below, whole = _pieces_of([*found, (one, pieces)], kept_of), kept_of.get(one, one)
+        waiting, seen = [whole], set()
+        while waiting:
+            parts = {kept_of.get(row, row) for row in below.get(waiting.pop(), ())} - seen
+            seen |= parts
+            waiting += parts
+        if whole not in seen:
+            found.append((one, pieces))
+    return found
+
+
+def _pieces_of(pieced: list[tuple[int, tuple[int, ...]]], kept_of: dict[int, int]) -> dict[int, list[int]]:
+    """Rows of the pieces of each that is kept of some that are the same."""
+    found: dict[int, list[int]] = {}
+    for one, pieces in pieced:
+        found.setdefault(kept_of.get(one, one), []).extend(pieces)
+    return found
+
+
+def _smallest(pieces_of: dict[int, list[int]], whole: int, kept_of: dict[int, int]) -> list[int]:
+    """Rows of the pieces of an element, or of those that a third file has in pieces again, their pieces."""
+    found = []
+    for row in pieces_of[whole]:
+        kept = kept_of.get(row, row)
+        found += _smallest(pieces_of, kept, kept_of) if kept in pieces_of else [row]
+    return found
+
+
+def _pieced(building: Building, row: int, twins: tuple[Twin, ...], pieces: list[int]) -> Pieced:
     table, change = building.elements, of_element(building, row)
-    keys = tuple((table.file[piece], table.guid[piece]) for pieces in of_all for piece in pieces)
+    keys = tuple((table.file[piece], table.guid[piece]) for piece in pieces)
     center, size = (tuple(map(float, side)) for side in (change.center, change.size))
     return Pieced(_twin(building, row), twins, keys, center, size, float(change.yaw))
 
@@ -87,14 +126,22 @@ def _lacks_openings(row: int, pieces: tuple[int, ...], share: dict[int, tuple[fl
     return bool(box * filled < own - OPEN * box)
 
 
+def _stands_out(building: Building, row: int, pieces: Sequence[int], share: dict[int, tuple[float, float]]) -> bool:
+    """Whether an element stands out before its pieces, as a plastered wall does, and is no less open than they are."""
+    boxes, filled = sum(share[piece][0] for piece in pieces), sum(np.prod(share[piece]) for piece in pieces)
+    is_open = share[row][1] <= filled / max(boxes, 1e-9) + OPEN
+    return bool(is_open and lie_behind(of_element(building, row), [of_element(building, piece) for piece in pieces]))
+
+
 def _with_openings(building: Building, whole: int, pieces: list[int]) -> Building:
-    """The building in which some elements have the surface of the one that they are pieces of."""
+    """The building in which some elements have the surface of the one that they are pieces of, each what is near it."""
     triangles = building.triangles
-    own, stays = triangles.element == whole, ~np.isin(triangles.element, pieces)
+    own = triangles.element == whole
     corners = triangles.vertices[triangles.faces[own]].astype(np.float64)
     corners, piece, source = shared_out(
         corners, of_element(building, whole), [of_element(building, row) for row in pieces]
     )
+    stays = ~np.isin(triangles.element, np.array(pieces)[np.unique(piece)])  # what lies deep in it keeps its own
     new = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3) + np.int32(len(triangles.vertices))
     triangles = triangles._replace(
         vertices=np.concatenate([triangles.vertices, corners.reshape(-1, 3).astype(np.float32)]),
