@@ -25,7 +25,7 @@ def looked_at(seen, side):
 
 def ends(seen, side):
     piece, sight = looked_at(seen, side)
-    looks = [Look(sight, view_of(seen.points, np.array(SENSOR)), seen.rays[0])]
+    looks = [Look(sight, view_of(seen.points, np.array(SENSOR)), lambda: seen.rays[0])]
     return ends_of(sight, looks, piece, piece.members, seen.apart, SETTINGS)
 
 
@@ -88,8 +88,8 @@ def test_rays_along_the_back_of_a_thin_wall_tell_that_it_is_no_deeper():
     (piece, sight), (pillar_piece, pillar_sight) = (
         looked_at(judged(one), 1.5) for one in (wall(1.55, 1.6, 1.4, 0.1, 90), pillar(2.2, 1.6, 1.4))
     )
-    assert back_of([Look(sight, None, NO_RAYS)], piece, SETTINGS) <= 0.4
-    assert back_of([Look(pillar_sight, None, NO_RAYS)], pillar_piece, SETTINGS) >= 1.3
+    assert back_of([Look(sight, None, lambda: NO_RAYS)], piece, SETTINGS) <= 0.4
+    assert back_of([Look(pillar_sight, None, lambda: NO_RAYS)], pillar_piece, SETTINGS) >= 1.3
 
 
 def test_how_deep_a_thing_may_be_is_among_its_clues():
