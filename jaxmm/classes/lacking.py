@@ -12,7 +12,8 @@ def without_elements(names: Sequence[str], building: Building) -> list[str]:
     table = building.elements
     twins = {(one.ifc_class, one.semantic) for same in table.twins for one in same}
     twins |= {(one.ifc_class, one.semantic) for whole in building.pieced for one in (whole.element, *whole.twins)}
-    wholes = {one.ifc_class for one in building.wholes if not set(one.parts).isdisjoint(table.guid)}
+    has = {*table.guid, *(one.guid for whole in building.pieced for one in (whole.element, *whole.twins))}
+    wholes = {one.ifc_class for one in building.wholes if not has.isdisjoint(one.parts)}
     return [
         name
         for name in dict.fromkeys(names)

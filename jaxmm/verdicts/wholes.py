@@ -70,15 +70,14 @@ def wholes_of(
         settings: who is asked for. Wholes have a class of IFC and none of ours, but for what is in pieces elsewhere.
         deviations: of its elements that were measured, by row.
     """
-    table, storeys = prior.building.elements, prior.building.storeys
-    row_of = rows_by_key(table)
-    own = {one.key: one for one in elements}
+    storeys, own = prior.building.storeys, {one.key: one for one in elements}
+    told_of = _told_with_pieced(own, prior, verdicts, settings, deviations)  # which may be parts, too
     for whole in prior.building.wholes:
         key, *parts = ((whole.file, guid) for guid in (whole.guid, *whole.parts))
-        rows = [row_of[one] for one in (key, *parts) if one in row_of]
-        if not rows or not (key in own or is_of(settings.classes, whole.ifc_class)):
+        known = [told_of[one] for one in (key, *parts) if one in told_of]
+        if not known or not (key in own or is_of(settings.classes, whole.ifc_class)):
             continue
-        told = of_parts([verdicts[row] for row in rows], settings.verdicts.change_prior)
+        told = of_parts(known, settings.verdicts.change_prior)
         mine = own.get(key)
         if told.verdict == DISPLACED or (mine and mine.verdict == DISPLACED):
             # Of what has a body itself, that it stands off its place is known of it, and of no part.
@@ -89,8 +88,22 @@ def wholes_of(
         else:
             storey = storeys.name[whole.storey] if whole.storey >= 0 else ""
             own[key] = ElementVerdict(whole.guid, whole.ifc_class, whole.name, storey, *told, view, file=whole.file)
-        _name(own, [key], {one: verdicts[row_of[one]] for one in parts if one in row_of})
+        _name(own, [key], {one: told_of[one] for one in parts if one in told_of})
+    return tuple(own.values())
+
+
+def _told_with_pieced(
+    own: dict[Key, ElementVerdict],
+    prior: Prior,
+    verdicts: list[Verdict],
+    settings: DetectSettings,
+    deviations: Mapping[int, Deviation],
+) -> dict[Key, Verdict]:
+    """Verdicts of all elements; those of what is in pieces elsewhere, by these, come among those asked for, too."""
+    storeys, row_of = prior.building.storeys, rows_by_key(prior.building.elements)
+    told_of = {key: verdicts[row] for key, row in row_of.items()}
     for whole, rows, told in of_pieced(prior.building, verdicts, settings.verdicts.change_prior):
+        told_of |= dict.fromkeys(keys_of(whole), told)
         each = [one for one in (whole.element, *whole.twins) if settings.asks_for(one.ifc_class, one.semantic)]
         keys = [(one.file, one.guid) for one in each]
         stands = _deviation(told, [(verdicts[row], deviations.get(row)) for row in rows])
@@ -109,7 +122,7 @@ def wholes_of(
     for whole in prior.building.pieced:
         for key in (key for other in within(whole, prior.building.pieced) for key in keys_of(other) if key in own):
             own[key] = own[key]._replace(part_of=(*own[key].part_of, *(one for one in keys_of(whole) if one in own)))
-    return tuple(own.values())
+    return told_of
 
 
 def _deviation(told: Verdict, parts: Sequence[tuple[Verdict, Deviation | None]]) -> Deviation | None:
@@ -132,6 +145,7 @@ def _name(own: dict[Key, ElementVerdict], wholes: Sequence[Key], parts: dict[Key
     """Write what is of what into the verdicts of wholes and of their parts, as far as they are asked for."""
     gone = tuple(key for key, one in parts.items() if one.verdict == REMOVED)
     for key in wholes:
-        own[key] = own[key]._replace(parts=tuple(parts), parts_gone=gone)
+        mine = own[key]
+        own[key] = mine._replace(parts=(*mine.parts, *parts), parts_gone=(*mine.parts_gone, *gone))
     for key in (same for part in parts if part in own for same in (part, *own[part].same_as)):
         own[key] = own[key]._replace(part_of=(*own[key].part_of, *wholes))

@@ -7,6 +7,7 @@ import pytest
 
 from jaxmm.classes.telling_rays import Telling
 from jaxmm.verdicts.priors import prior_of_building
+from jaxmm.verdicts.results import ElementVerdict
 from jaxmm.verdicts.settings import DetectSettings
 from jaxmm.verdicts.verdicts import (
     DISPLACED,
@@ -19,9 +20,10 @@ from jaxmm.verdicts.verdicts import (
     VerdictSettings,
     retold,
 )
-from jaxmm.verdicts.wholes import of_parts, telling_of
+from jaxmm.verdicts.wholes import of_parts, telling_of, wholes_of
 from tests.cases.box_building import building_of
-from warp_scanner.scenes.scenes import DOOR, WALL
+from warp_scanner.scenes.building import Pieced, Twin, Whole
+from warp_scanner.scenes.scenes import DOOR, FLOOR, WALL
 
 PROBABILITY = {PRESENT: 0.1, DISPLACED: 0.05, REMOVED: 0.9, OCCLUDED: 0.02, UNSCANNED: 0.02}
 
@@ -40,6 +42,30 @@ def test_a_whole_is_gone_only_if_all_parts_that_tell_are():
         assert (whole.verdict == UNSCANNED) == (set(names) == {UNSCANNED})
         assert (whole.probability >= 0.5) == (whole.verdict == REMOVED)
         assert whole.points == 3 * len(names) and whole.rays == tuple(n * len(names) for n in (5, 6, 7, 8))
+
+
+@pytest.mark.parametrize("standing", [PRESENT, REMOVED, OCCLUDED])
+def test_a_part_that_another_file_has_in_pieces_tells_of_its_whole(standing):
+    """A roof of two slabs, one of which is in pieces elsewhere: while these stand, something of it does."""
+    building = building_of([((x, 0.0, 3.0), (1.0, 2.0, 0.1), FLOOR) for x in (-2.0, 1.0, 3.0)])
+    slab, *pieces = (("b.ifc", guid) for guid in building.elements.guid)
+    table = building.elements._replace(file=("a.ifc", "b.ifc", "b.ifc"))
+    other = Twin("other", "IfcSlab", "", -1, FLOOR, "a.ifc")
+    building = building._replace(
+        elements=table,
+        wholes=(Whole("roof", "IfcRoof", "", -1, (slab[1], "other"), "a.ifc"),),
+        pieced=(Pieced(other, (), tuple(pieces), (2.0, 0.0, 3.0), (4.0, 4.0, 0.2), 0.0),),
+    )
+    verdicts = [verdict(REMOVED), verdict(standing), verdict(standing)]
+    settings = DetectSettings(classes=("all",))
+    elements = tuple(
+        ElementVerdict(guid, "IfcSlab", "", "", *one, file=file)
+        for guid, file, one in zip(table.guid, table.file, verdicts, strict=True)
+    )
+    found = {one.guid: one for one in wholes_of(prior_of_building(building), verdicts, elements, settings, {})}
+    assert found["roof"].verdict == (PRESENT if standing == PRESENT else REMOVED)
+    assert found["roof"].parts == (("a.ifc", slab[1]), ("a.ifc", "other"))
+    assert found["other"].part_of == (("a.ifc", "roof"),) and found["other"].verdict == standing
 
 
 @pytest.mark.parametrize(
