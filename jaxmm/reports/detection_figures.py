@@ -27,6 +27,7 @@ MOST_POINTS = 60_000  # in a panel
 SPACING = 0.1  # [m] between drawn points, about
 FILL = 0.6  # of a point's own size that it is drawn with: the gaps show how surfaces slant
 LARGEST = 12.0  # [pt] of a point
+CROSS = 4.0  # [pt] of a cross at least: below it nobody sees that it is one
 WIDE = 150.0  # [deg] from this width on, the two sides of a scan stand one above the other
 PAGE, GAP, ABOVE, BELOW = 13.0, 0.75, 0.45, 1.15  # [inch] width of a figure, and free space left of and about a panel
 
@@ -193,7 +194,12 @@ def _draw_boxes(axes: Axes, detection: Detection, panel: Panel, limits: tuple[np
 
 
 def _scatter(axes: Axes, seen: Seen, size: np.ndarray, own: np.ndarray, **look) -> None:
-    """Each point as large as what it stands for [pt]."""
-    place = seen.azimuth[own], seen.elevation[own]
-    width = {} if look["marker"] == "x" else {"linewidths": 0}
-    axes.scatter(*place, s=np.clip(FILL * size[own], 1.0, LARGEST) ** 2, zorder=2, rasterized=True, **look, **width)
+    """Each point as large as what it stands for [pt]; of crosses that would lie upon each other some stand for all."""
+    chosen, width = np.flatnonzero(own), {"linewidths": 0}
+    extent = np.clip(FILL * size[chosen], 1.0, LARGEST)
+    if look["marker"] == "x" and len(chosen):
+        width = {"linewidths": 0.8}
+        kept = np.random.default_rng(0).random(len(chosen)) < np.square(extent / CROSS)
+        chosen, extent = chosen[kept], np.maximum(extent[kept], CROSS)
+    place = seen.azimuth[chosen], seen.elevation[chosen]
+    axes.scatter(*place, s=extent**2, zorder=2, rasterized=True, **look, **width)
