@@ -104,7 +104,11 @@ def remarks_on_end(path: Path) -> tuple[str, ...]:
     if not last.strip() or b"\0" in last or not before:  # of UTF-16 only every second byte tells
         return ()
     previous = next((line.decode("latin-1") for line in reversed(before) if line.strip()), "")
-    told, wanted = (len(fields_of(line, delimiter_of(previous))) for line in (last.decode("latin-1"), previous))
+    delimiter = delimiter_of(previous)
+    # A line may end in a delimiter or not.
+    told, wanted = (
+        len(fields_of(line.rstrip().rstrip(delimiter), delimiter)) for line in (last.decode("latin-1"), previous)
+    )
     if told < wanted:
         raise InputError(
             f"{path}: truncated: it ends within a line of {told} columns, where the one before has {wanted}: "

@@ -71,6 +71,11 @@ def test_a_text_that_ends_within_a_line_is_refused_or_told(tmp_path, ending):
         read(tmp_path / f"a.{ending}", whole[:-8])
 
 
+def test_lines_that_end_in_a_delimiter_or_not_have_the_same_columns(tmp_path):
+    text = "X;Y;Z;\n" + "".join(f"{x};{y};{z};\n" for x, y, z in POINTS[:-1]) + ";".join(map(str, POINTS[-1]))
+    np.testing.assert_array_equal(read(tmp_path / "a.csv", text).points, POINTS)
+
+
 KINDS = {"uchar": "u1", "short": "i2", "float": "f4", "double": "f8", "int": "i4"}
 
 
