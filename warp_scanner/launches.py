@@ -3,7 +3,6 @@
 import functools
 import importlib
 import os
-import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import ModuleType
@@ -16,7 +15,7 @@ from warp_scanner.quiet import start_quietly
 
 wp.config.log_level = wp.LOG_WARNING
 
-_loading = threading.Lock()
+_loaded: set[ModuleType] = set()
 _PIECES_PER_THREAD = 8  # enough to even out pieces that take longer
 
 FARTHEST = 1e15  # [m] coordinates beyond this are taken for mistakes; squares of differences stay finite
@@ -24,9 +23,21 @@ FARTHEST = 1e15  # [m] coordinates beyond this are taken for mistakes; squares o
 
 def load(kernels: ModuleType) -> None:
     """Compile (or fetch) a file of kernels once, before threads could try to do so at the same time."""
-    with _loading:
+    if kernels not in _loaded:
+        _compiler().submit(_load, kernels).result()
+
+
+def _load(kernels: ModuleType) -> None:
+    if kernels not in _loaded:
         start_quietly()
         wp.load_module(kernels, device="cpu")
+        _loaded.add(kernels)
+
+
+@functools.cache
+def _compiler() -> ThreadPoolExecutor:
+    """One thread that compiles all: what Warp makes of its headers, in a second, is for one thread."""
+    return ThreadPoolExecutor(1, "compiler")
 
 
 def load_all(names: Sequence[str]) -> None:
@@ -62,8 +73,9 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads)
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pool.cache_clear)  # a copy of this process has none of its threads
+if hasattr(os, "register_at_fork"):  # a copy of this process has none of its threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+    os.register_at_fork(after_in_child=_compiler.cache_clear)
 
 
 def thread_count(threads: int | None) -> int:
