@@ -1,11 +1,11 @@
 """Trains the judge of objects further, on candidates of small, low and crowded flats among those of rooms.
 
-    python -m jaxmm.runs.flat_training --judge FILE --out FILE [--flats 1200] [--rooms 500] [--draws DIR]
+    python -m jaxmm.runs.flat_training --judge FILE --out FILE [--flats 1200] [--rooms 160] [--draws DIR]
 
 K candidates, F clues. The judge has learnt from rooms (`object_training`), of which few are low and none is crowded.
 MORE rounds of trees, which count in low rooms alone, are grown on what it is still wrong about there: candidates of
-flats, where walls are short and things stand close before them, and those of the low ones of so many of its rooms. A
-tenth of the flats is kept from training, to say how well it does.
+flats, where walls are short and things stand close before them, and of rooms as the judge learnt from, but low. A tenth
+of either is kept from training, to say how well it does.
 """
 
 import argparse
@@ -16,26 +16,37 @@ from pathlib import Path
 import numpy as np
 import safetensors
 
-from jaxmm.files import load_arrays, write_arrays
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import Box
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.learning.upright_shapes import outside
 from jaxmm.objects.finder import ObjectSettings, examine
-from jaxmm.objects.judge import KINDS, is_low, load_judge, save_judge
+from jaxmm.objects.judge import KINDS, LOW, is_low, load_judge, save_judge
 from jaxmm.progress import bar_of
 from jaxmm.rays.range_noise import settled
 from jaxmm.rays.scan_rays import rays_of_scan
 from jaxmm.runs.flat_scans import FlatCase, flat_case
-from jaxmm.runs.object_training import AT_ONCE, KEPT, WITHIN, Examples, draws_name, fit, joined, kept_draw, told_of
+from jaxmm.runs.object_training import (
+    AT_ONCE,
+    KEPT,
+    WITHIN,
+    Examples,
+    draws_name,
+    examples_of_rooms,
+    fit,
+    joined,
+    kept_examples,
+    plain,
+    told_of,
+)
 from jaxmm.verdicts.mismatches import judged_side
 from jaxmm.verdicts.station_steps import look_at
 from jaxmm.weights import DEFAULT
 from warp_scanner.cores import worker_pool
 
 SEED = 5  # of the flats: of no other training, validation or test
-AT_ONCE_FLATS = 20  # flats of one draw
 MORE = 200  # rounds; chosen on flats that were kept out
+LOW_ROOM = {"size": (20.0, 20.0, LOW), "size_spread": (17.0, 17.0, LOW - 2.4)}  # [m], else as `varied`
 
 
 def examples_of_flat(case: FlatCase, judges: Judges) -> Examples:
@@ -68,32 +79,23 @@ def _off(points: np.ndarray, box: Box) -> np.ndarray:
 
 
 def flats_of_draw(number: int) -> Examples:
-    """The candidates of AT_ONCE_FLATS flats."""
-    judges, first = read_judges(DEFAULT), number * AT_ONCE_FLATS
-    return joined([examples_of_flat(flat_case(SEED, first + one), judges) for one in range(AT_ONCE_FLATS)])
+    """The candidates of AT_ONCE flats."""
+    judges, first = read_judges(DEFAULT), number * AT_ONCE
+    return joined([examples_of_flat(flat_case(SEED, first + one), judges) for one in range(AT_ONCE)])
 
 
-def kept_flats(folder: Path | None, number: int) -> Examples:
-    """The same, read from a folder where it is there, else made and written to it; None: of no folder."""
-    path = folder / f"flats-{number:06d}.npz" if folder else None
-    if path and path.exists():
-        return Examples(**load_arrays(path))
-    made = flats_of_draw(number)
-    if path:
-        write_arrays(path, made._asdict())
-    return made
+def low_rooms_of_draw(number: int) -> Examples:
+    """The candidates of as many rooms as those that the judge learnt from, but low."""
+    draw = plain(np.random.default_rng((SEED, number)))
+    return examples_of_rooms(draw._replace(changed=draw.changed | {"room": LOW_ROOM}), SEED, number)
 
 
-def rooms_apart(count: int, all_rooms: int) -> list[int]:
-    """Numbers of draws of so many rooms, evenly spread over those that the judge learnt from: of all kinds.
+MAKERS = {"flats": flats_of_draw, "rooms": low_rooms_of_draw}
 
-    Raises:
-        ValueError: there are fewer than one draw of them, or more than the judge learnt from.
-    """
-    draws, wanted = all_rooms // AT_ONCE, count // AT_ONCE
-    if not 1 <= wanted <= draws:
-        raise ValueError(f"rooms must be {AT_ONCE} to {all_rooms}, got {count}")
-    return list(range(0, draws, draws // wanted))[:wanted]
+
+def kept_scenes(folder: Path | None, kind: str, number: int) -> Examples:
+    """Those of a draw of one of MAKERS, kept in a folder; None: in none."""
+    return kept_examples(folder and folder / f"{kind}-{number:06d}.npz", MAKERS[kind], number)
 
 
 def low_ones(examples: Examples) -> Examples:
@@ -109,19 +111,18 @@ def main(judge: Path, out: Path, flats: int, rooms: int, kept_in: Path | None = 
     folder = kept_in and kept_in / draws_name()
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
-    chosen = rooms_apart(rooms, int(metadata["rooms"]))
+    draws: dict[str, list[Examples]] = {}
     with worker_pool() as pool, bar_of(f"{flats} flats, {rooms} rooms", flats + rooms, "scene") as bar:
-        draws: dict[str, list[Examples]] = {"flats": [], "rooms": []}
-        for made in pool.map(partial(kept_flats, folder), range(flats // AT_ONCE_FLATS)):
-            draws["flats"].append(made)
-            bar.update(AT_ONCE_FLATS)
-        for made in pool.map(partial(kept_draw, folder), chosen):
-            draws["rooms"].append(made)
-            bar.update(AT_ONCE)
-    learnt = [draw for number, draw in enumerate(draws["flats"]) if number % KEPT] + draws["rooms"]
-    grown, kept = fit(low_ones(joined(learnt)), onto, MORE), low_ones(joined(draws["flats"][::KEPT]))
-    told = {"flats": told_of(grown, kept), "before": told_of(onto, kept)}
-    save_judge(grown, out, metadata | {"flats": str(flats), "kept_further": json.dumps(told)})
+        for kind, count in (("flats", flats), ("rooms", rooms)):
+            draws[kind] = []
+            for made in pool.map(partial(kept_scenes, folder, kind), range(count // AT_ONCE)):
+                draws[kind].append(low_ones(made))
+                bar.update(AT_ONCE)
+    learnt = [draw for each in draws.values() for number, draw in enumerate(each) if number % KEPT]
+    grown = fit(joined(learnt), onto, MORE)
+    told = {kind: told_of(grown, joined(each[::KEPT])) for kind, each in draws.items()}
+    told |= {f"{kind} before": told_of(onto, joined(each[::KEPT])) for kind, each in draws.items()}
+    save_judge(grown, out, metadata | {"flats": str(flats), "low_rooms": str(rooms), "kept_further": json.dumps(told)})
     print(json.dumps(told))
 
 
@@ -130,7 +131,7 @@ if __name__ == "__main__":
     parser.add_argument("--judge", type=Path, required=True, metavar="FILE")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE")
     parser.add_argument("--flats", type=int, default=1200, metavar="N")
-    parser.add_argument("--rooms", type=int, default=500, metavar="N")
+    parser.add_argument("--rooms", type=int, default=160, metavar="N")
     parser.add_argument("--draws", type=Path, metavar="DIR", help="keep what was made of scenes there, to go on from")
     asked = parser.parse_args()
     main(asked.judge, asked.out, asked.flats, asked.rooms, asked.draws)

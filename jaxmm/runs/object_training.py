@@ -14,6 +14,7 @@ missing.
 import argparse
 import hashlib
 import json
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -88,10 +89,11 @@ class Draw(NamedTuple):
 def drawn(number: int) -> Draw:
     """The settings of a draw."""
     draw = np.random.default_rng((SEED, number))
-    return _mixed(draw) if number < MIXED else _plain(draw)
+    return _mixed(draw) if number < MIXED else plain(draw)
 
 
-def _plain(draw: np.random.Generator) -> Draw:
+def plain(draw: np.random.Generator) -> Draw:
+    """Of rooms as benchmarks measure."""
     scene, condition, sensor = (str(draw.choice(names)) for names in (SCENES, CONDITIONS, SENSORS))
     return Draw(scene, condition, False, {"preset": "varied", "sensor": sensor, "room": {}}, np.zeros(AT_ONCE))
 
@@ -116,21 +118,29 @@ def _mixed(draw: np.random.Generator) -> Draw:
 
 def examples_of_draw(number: int) -> Examples:
     """The candidates of AT_ONCE rooms."""
-    draw, judges = drawn(number), read_judges(DEFAULT)
-    rooms = range(number * AT_ONCE, (number + 1) * AT_ONCE)
-    cases = room_cases(draw.scene, draw.condition, SEED, rooms, **draw.changed)
+    return examples_of_rooms(drawn(number), SEED, number)
+
+
+def examples_of_rooms(draw: Draw, seed: int, number: int) -> Examples:
+    """The same of any draw, its rooms those of a number among all of a seed."""
+    judges, rooms = read_judges(DEFAULT), range(number * AT_ONCE, (number + 1) * AT_ONCE)
+    cases = room_cases(draw.scene, draw.condition, seed, rooms, **draw.changed)
     return joined([_examples_of_room(case, judges, draw) for case in cases])
 
 
-def kept_draw(folder: Path | None, number: int) -> Examples:
-    """The same, read from a folder where it is there, else made and written to it; None: of no folder."""
-    path = folder / f"{number:06d}.npz" if folder else None
+def kept_examples(path: Path | None, make: Callable[[int], Examples], number: int) -> Examples:
+    """What `make` gives of a number, read from a file where it is there, else written to it; None: of no file."""
     if path and path.exists():
         return Examples(**load_arrays(path))
-    made = examples_of_draw(number)
+    made = make(number)
     if path:
         write_arrays(path, made._asdict())
     return made
+
+
+def kept_draw(folder: Path | None, number: int) -> Examples:
+    """The candidates of AT_ONCE rooms, kept in a folder; None: in none."""
+    return kept_examples(folder and folder / f"{number:06d}.npz", examples_of_draw, number)
 
 
 class _Learnt(ClassifierMixin, BaseEstimator):

@@ -7,9 +7,10 @@ from jaxmm.learning.boxes import Box
 from jaxmm.learning.prediction import read_judges
 from jaxmm.objects.clues import CLUES
 from jaxmm.objects.judge import KINDS, LOW, default_judge, judge_objects
+from jaxmm.runs import object_training
 from jaxmm.runs.flat_scans import LEAST_SEEN, SHORTEST, flat_case
-from jaxmm.runs.flat_training import examples_of_flat, kind_among, low_ones, rooms_apart
-from jaxmm.runs.object_training import AT_ONCE, Examples, fit
+from jaxmm.runs.flat_training import examples_of_flat, kind_among, low_ones, low_rooms_of_draw
+from jaxmm.runs.object_training import Examples, fit, joined
 from jaxmm.weights import DEFAULT
 from warp_scanner.scenes.scenes import PILLAR, WALL
 
@@ -80,12 +81,7 @@ def test_trees_that_go_on_from_others_learn_what_these_were_wrong_about_and_coun
     assert len(low_ones(Examples(clues, kind)).kind) == 0
 
 
-def test_rooms_to_go_on_from_are_spread_over_all_that_it_learnt_from():
-    assert rooms_apart(500, 30_000) == list(range(0, 1500, 60))
-    for count in (AT_ONCE, 3000, 7777, 30_000):
-        chosen = rooms_apart(count, 30_000)
-        assert len(chosen) == count // AT_ONCE and chosen[0] == 0 and len(set(np.diff(chosen))) <= 1
-        assert chosen[-1] < 30_000 // AT_ONCE
-    for count in (AT_ONCE - 1, 30_000 + AT_ONCE):
-        with pytest.raises(ValueError, match="rooms must be 20 to 30000"):
-            rooms_apart(count, 30_000)
+def test_rooms_to_go_on_from_are_low(monkeypatch):
+    monkeypatch.setattr(object_training, "AT_ONCE", 2)
+    made = joined([low_rooms_of_draw(number) for number in range(3)])
+    assert len(made.kind) and len(low_ones(made).kind) == len(made.kind)
