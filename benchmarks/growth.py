@@ -1,12 +1,16 @@
 """How the cost of scanning grows: rays per second against primitives and rooms, and memory against rooms.
 
     python -m benchmarks.growth [--json FILE] [--figure FILE] [--most-pairs N]    three minutes; 12 for 100,000 pairs
+    python -m benchmarks.growth --commands points elements stations workers       ten minutes: whole commands instead
 
 Casting is on the 320 x 200 grid of a pinhole camera, as an image (the fast path) and as rays of any direction (the
 general kernel, which is the peer here). Rooms in a launch repeat 64 drawn ones. Memory is the peak of a process of its
 own that casts so many rooms, over that of one that casts a single room; what it holds is the input table and the
 answer. A run is `jaxmm generate` of so many pairs (64 x 40 rays, to be done in time) by two workers: peaks of the
 writer and of the largest worker.
+
+With --commands, what `jaxmm detect` takes against points, elements and stations, and `jaxmm generate` against workers:
+`benchmarks/views/command_growth.py` tells how, and with which exponent.
 """
 
 import argparse
@@ -22,6 +26,7 @@ from matplotlib.figure import Figure
 from benchmarks.command_line import CommandLine
 from benchmarks.rays import rays_of, rooms_and_poses
 from benchmarks.timing import Timing, measure_in_turns, write_report
+from benchmarks.views import command_growth
 from jaxmm.config import Config, Table
 from jaxmm.data.generation import Request, generate
 from jaxmm.reports.figures import BLUE, GREY, VERMILLION, save, styled
@@ -35,8 +40,13 @@ from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
 FULL = {
     "primitives": (10, 30, 100, 300, 1000), "rooms": (1, 4, 16, 64, 256, 1024, 4096), "drawn": 64,
     "held": (16, 64, 256, 1024, 4096), "runs": (100, 1_000, 10_000, 100_000), "most_pairs": 1_000, "repeat": 5,
+    "points": (100_000, 1_000_000, 10_000_000, 50_000_000), "elements": (10, 100, 1_000, 10_000),
+    "stations": (1, 2, 4, 8), "workers": (1, 2), "pairs": 2_048,
 }  # fmt: skip
-SMOKE = {"primitives": (10,), "rooms": (1, 4), "drawn": 2, "held": (16,), "runs": (4,), "repeat": 1}
+SMOKE = {
+    "primitives": (10,), "rooms": (1, 4), "drawn": 2, "held": (16,), "runs": (4,), "repeat": 1, "points": (20_000,),
+    "elements": (10,), "stations": (1,), "workers": (1,), "pairs": 2,
+}  # fmt: skip
 MOST_GENERAL_ROOMS = 256  # more takes the general kernel minutes, at the same speed
 
 
@@ -200,9 +210,29 @@ def measure(sizes: argparse.Namespace) -> dict[str, list[dict]]:
     return rows
 
 
+def measure_commands(options: argparse.Namespace) -> list[command_growth.Curve]:
+    """The curves of the commands that are asked for, printed as they come."""
+    found = []
+    with tempfile.TemporaryDirectory() as folder:
+        sizes = {name: getattr(options, name) for name in options.commands}
+        for curve in command_growth.curves(options.commands, sizes, options.pairs, Path(folder)):
+            found.append(curve)
+            for row in curve.rows():
+                print(
+                    f"{row['case']:32} {row['ours']:9.2f} {row['unit']}, {row['seconds']:8.2f} s, {row['peak_mb']} MB"
+                )
+            every, last = curve.exponents
+            print(f"{curve.name}: exponent {every:.2f}, between the two largest {last:.2f}", flush=True)
+    return found
+
+
 def main() -> int:
     parser = CommandLine(__doc__, FULL, SMOKE)
     parser.add_json()
+    names = tuple(command_growth.CURVES)
+    parser.add_argument("--commands", nargs="+", choices=names, help="of whole commands instead, these curves")
+    for name in names:
+        parser.add_argument(f"--{name}", type=int, nargs="+", metavar="N", help=f"sizes of the curve {name}")
     parser.add_argument("--figure", type=Path, help="also draw them (.png, .pdf or .svg)")
     parser.add_argument("--repeat", type=int, help="casts after the first, of which the median is taken")
     parser.add_argument("--most-pairs", type=int, help="in the longest run; 100000 takes ten minutes")
@@ -214,6 +244,13 @@ def main() -> int:
         return 0
     if options.generate:
         generate_and_tell(options.generate)
+        return 0
+    if options.commands:
+        drawn = measure_commands(options)
+        if options.json:
+            write_report(options.json, [row for one in drawn for row in one.rows()], "warp-lang", "numpy")
+        if options.figure:
+            save(command_growth.draw(drawn), options.figure)
         return 0
     found = measure(options)
     if options.json:
