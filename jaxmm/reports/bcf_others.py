@@ -25,9 +25,10 @@ from jaxmm.reports.bcf_topics import (
     project_guid,
 )
 from jaxmm.reports.markdown import chance, number
+from jaxmm.reports.removed_words import removed_others
 from jaxmm.reports.snapshots import COLORS, best_scan, camera_at, corners_of, snapshot
 from jaxmm.reports.verdict_words import UNEXPLAINED_WORDS
-from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, once
+from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch
 from jaxmm.verdicts.verdicts import REMOVED
 
 MOST_THINGS = 20  # with a topic each, those with most points; unexplained.csv has all
@@ -35,16 +36,13 @@ MOST_THINGS = 20  # with a topic each, those with most points; unexplained.csv h
 
 def removed_boxes(detection: Detection) -> list[tuple[ElementVerdict, Mismatch]]:
     """Removed elements that are no mismatch, and no part of a removed one, once each, with the box around each."""
-    told = {one.key for one in detection.mismatches}
-    removed = [one for one in once(detection.elements) if one.verdict == REMOVED and one.box is not None]
-    wholes = {one.key for one in removed if one.parts}
     return [
         (one, Mismatch(
             one.ifc_class or "element", REMOVED, np.asarray(one.box.center, np.float64),
             np.asarray(one.box.dimensions, np.float64), one.box.rotation, one.probability, one.guid, file=one.file,
         ))
-        for one in removed
-        if told.isdisjoint((one.key, *one.same_as)) and wholes.isdisjoint(one.part_of)
+        for one in removed_others(detection)
+        if one.box is not None
     ]  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from jaxmm.formats.cloud_files import write_ply
 from jaxmm.rays.evidence import BLOCKED, FRACTIONS, SUPPORT, THROUGH, UNSEEN
 from jaxmm.reports.deviation_words import displaced, measured, offset_in_words, place_in_words, span_of
 from jaxmm.reports.markdown import as_markdown, printable
+from jaxmm.reports.removed_words import removed_in_words, removed_others
 from jaxmm.reports.report_json import to_json
 from jaxmm.verdicts.mismatch_points import mismatch_points, signed_distances
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, told_probability
@@ -141,7 +142,9 @@ def unexplained_csv(things: Iterable[Unexplained]) -> str:
 
 def sentences_of(detection: Detection) -> tuple[str, ...]:
     """What is new, what is gone, and what stands off its place, a line each."""
-    return (*detection.sentences, *(printable(place_in_words(one)) for one in displaced(detection.elements)))
+    gone = (removed_in_words(one) for one in removed_others(detection))
+    off = (place_in_words(one) for one in displaced(detection.elements))
+    return (*detection.sentences, *map(printable, (*gone, *off)))
 
 
 def _deviation(one: Deviation | None) -> list[Any]:
