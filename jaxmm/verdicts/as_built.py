@@ -25,7 +25,7 @@ from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, UNSCANNED, Ver
 from warp_scanner.scenes.building import Building, element_bounds
 from warp_scanner.scenes.building_edits import move_element
 from warp_scanner.scenes.scenes import DOOR, WINDOW
-from warp_scanner.sensors.triangles import prepare
+from warp_scanner.sensors.triangles import prepare_part
 
 KEPT_SHIFT, KEPT_TURN = 0.003, 0.1  # [m], [deg] of the sensor, up to which a pose is as it was given
 LEAST_MOVED = 0.01  # [m] off its place, from which an element is judged where it stands
@@ -101,17 +101,30 @@ def as_built(
     return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)}, tolerance)
 
 
-def panes_of(building: Building) -> np.ndarray | None:
-    """(T,) bool: glass, but for doors and windows: rays end on what is behind it, as its shelf; None: none is."""
+def panes_of(prior: Prior) -> np.ndarray | None:
+    """(T,) bool, of the triangles of its scene: glass, but for doors and windows; None where nobody knows.
+
+    Rays end on what is behind it, as on the shelf behind a pane.
+    """
+    panes = _panes_of(prior.building)
+    return None if panes is None else panes[_in_scene(prior)]
+
+
+def _panes_of(building: Building) -> np.ndarray | None:
     triangles = building.triangles
     if building.clear is None:
         return None
     return building.clear & ~np.isin(triangles.semantic[triangles.element], (DOOR, WINDOW))
 
 
+def _in_scene(prior: Prior) -> np.ndarray:
+    """(T,) bool: triangles of the building that are in the scene: it lacks some elements, as what hangs in no wall."""
+    return np.isin(prior.building.triangles.element, np.unique(prior.scene.triangles.element))
+
+
 def _glazed(building: Building) -> np.ndarray:
     """(n,) int rows of what is partly of glass, but for doors and windows."""
-    panes = panes_of(building)
+    panes = _panes_of(building)
     return np.zeros(0, np.int32) if panes is None else np.unique(building.triangles.element[panes])
 
 
@@ -178,4 +191,5 @@ def _with_moved(prior: Prior, moved: dict[int, tuple[np.ndarray, np.ndarray]], k
     now = triangles
     for row, (leader, step, turn) in steps.items():
         now = move_element(now, row, step, turn, (low[leader] + high[leader]) / 2.0)
-    return prior._replace(building=prior.building._replace(triangles=now), scene=prepare(now))
+    scene = prepare_part(now, _in_scene(prior))
+    return prior._replace(building=prior.building._replace(triangles=now), scene=scene)

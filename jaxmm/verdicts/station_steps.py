@@ -170,7 +170,7 @@ def moved_station(context: Context, shelf: Shelf, rows: np.ndarray) -> Faces:
 
 def _faces(context: Context, shelf: Shelf) -> Faces:
     prior, trust = context.prior, trust_in(shelf["stood"].placed, context.settings.refine)
-    return faces_of(prior.scene, shelf["rays"], trust, shelf["own"], panes_of(prior.building))
+    return faces_of(prior.scene, shelf["rays"], trust, shelf["own"], panes_of(prior))
 
 
 def look_station(context: Context, shelf: Shelf) -> Judged:

@@ -3,11 +3,18 @@
 import numpy as np
 import pytest
 
+from jaxmm.deviations.deviation import faces_of
+from jaxmm.deviations.pose_errors import EXACT
+from jaxmm.deviations.shifted_columns import beside_columns
+from jaxmm.rays.scan_rays import rays_of_scan
+from jaxmm.verdicts.as_built import as_built, panes_of
 from jaxmm.verdicts.hanging_openings import hanging, without_hanging
 from jaxmm.verdicts.priors import prior_of_building, prior_of_cloud
-from tests.cases.box_building import building_of
+from jaxmm.verdicts.settings import DetectSettings
+from tests.cases.box_building import building_of, scan_of, shell_of
 from warp_scanner.scenes.building_edits import without
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, TABLE, WALL, WINDOW
+from warp_scanner.sensors.sensors import sensor_named
 
 FLOOR_SLAB, ROOF = ((0, 0, -0.1), (8, 6, 0.1), FLOOR), ((0, 0, 2.7), (8, 6, 0.1), CEILING)
 A_WALL, A_WINDOW = ((3.0, 0, 1.3), (0.1, 2.85, 1.3), WALL), ((3.0, 1.0, 1.4), (0.05, 0.5, 0.6), WINDOW)
@@ -74,3 +81,27 @@ def test_in_whole_models_nothing_hangs(data_root, real_building):
     assert paths
     for path in paths:
         assert hanging(real_building(path.stem)).tolist() == [], path.stem
+
+
+def test_what_hangs_shifts_no_glass_and_does_not_come_back_with_what_moved():
+    """A glazed wall behind a door in no wall, and another wall that stands 60 mm off."""
+    shell = shell_of(4.0, 3.0, 3.0)
+    boxes = (((0.0, 1.5, 1.05), (0.45, 0.05, 1.05), DOOR), *shell)
+    building = building_of(boxes)
+    glazed = len(boxes) - 1
+    building = building._replace(clear=building.triangles.element == glazed)
+    prior = prior_of_building(building)
+    left = without_hanging(prior, nobody_asks(prior))
+    np.testing.assert_array_equal(panes_of(left), left.scene.triangles.element == glazed)
+    off = [
+        (np.add(center, (-0.06, 0.0, 0.0)) if row == 2 else center, *more) for row, (center, *more) in enumerate(shell)
+    ]
+    place = np.array([-1.0, 0.5, 1.5])
+    rays = rays_of_scan(scan_of(off, place, sensor_named("ouster-64")).scan)
+    faces = faces_of(left.scene, rays, EXACT, None, panes_of(left))
+    assert glazed not in {one.element for one in faces.seen}
+    beside = beside_columns(left.scene, rays, 0.3)
+    found = as_built(left, [faces], [beside], lambda there, rows: [faces._replace(seen=[])], DetectSettings())
+    moved, unmoved = (one.scene.triangles for one in (found.prior, left))
+    assert 3 in found.deviations and np.abs(moved.vertices[moved.faces] - unmoved.vertices[unmoved.faces]).max() > 0.05
+    assert set(moved.element) == set(unmoved.element) == {1, 2, 3, 4, 5, 6}
