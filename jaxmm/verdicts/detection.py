@@ -61,6 +61,7 @@ from jaxmm.verdicts.verdicts import (
     Told,
     Verdict,
     of_pieced,
+    pieces_together,
     retold,
     verdicts_of,
 )
@@ -193,7 +194,8 @@ def _as_built(prior: Prior, stations: Stations, faces: list[Faces], settings: De
 
 def _verdicts(told: list[Told], stands: AsBuilt, settings: DetectSettings, telling: list[Telling]) -> list[Verdict]:
     """Of each element, by all that scans tell."""
-    found = with_displaced(verdicts_of(told, settings.verdicts), stands, settings.verdicts.least_rays)
+    found = pieces_together(stands.prior.building, verdicts_of(told, settings.verdicts), settings.verdicts)
+    found = with_displaced(found, stands, settings.verdicts.least_rays)
     return retold(found, telling, settings.verdicts)
 
 

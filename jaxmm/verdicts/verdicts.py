@@ -178,6 +178,25 @@ def of_pieced(
     return found
 
 
+def pieces_together(building: Building, verdicts: Sequence[Verdict], settings: VerdictSettings) -> list[Verdict]:
+    """The verdicts, those of pieces of one element by the rays of all of them where none shows enough by itself.
+
+    A column in a dozen pieces, far away, is as surely there, or gone, as in one.
+    """
+    found = list(verdicts)
+    for _, rows, whole in of_pieced(building, verdicts, settings.change_prior):
+        through, support = whole.rays[THROUGH], whole.rays[SUPPORT]
+        share = (through + 0.5) / (through + support + 1.0)
+        is_gone = share >= LEAST_OF_REMOVED
+        known = is_gone or share <= MOST_OF_PRESENT
+        if whole.verdict != OCCLUDED or not known or not is_seen(np.array([whole.rays]), settings)[0]:
+            continue
+        for row in rows:
+            if found[row].rays[THROUGH] + found[row].rays[SUPPORT]:
+                found[row] = found[row]._replace(verdict=REMOVED if is_gone else PRESENT, probability=share)
+    return found
+
+
 def keys_of(whole: Pieced) -> tuple[tuple[str, str], ...]:
     """File and GlobalId of an element that another file has in pieces, and of the same in other files."""
     return tuple((one.file, one.guid) for one in (whole.element, *whole.twins))

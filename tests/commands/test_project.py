@@ -200,6 +200,26 @@ def test_a_wall_in_pieces_keeps_its_deviation_though_nobody_asks_for_the_pieces(
     np.testing.assert_allclose(wall.deviation.offset, (0.0, -0.06, 0.0), atol=0.01)
 
 
+@pytest.mark.parametrize("stands", [True, False])
+def test_a_far_column_in_many_pieces_is_told_as_one_in_one(tmp_path, stands):
+    shell, column = shell_of(30.0, 5.0, 3.0), ((14.0, 1.0, 1.5), (0.2, 0.2, 1.5), PILLAR)
+    pieces = [((14.0, 1.0, z + 0.125), (0.2, 0.2, 0.125), PILLAR) for z in np.arange(0.0, 3.0, 0.25)]
+    write_room(tmp_path / "architect.ifc", table_of((*shell, column)), 0)
+    write_room(tmp_path / "mason.ifc", table_of(pieces), 0)
+    write_room(tmp_path / "built.ifc", table_of((*shell, column) if stands else shell), 0)
+    pose = parse_pose("-8,-1,1.5,0")
+    write_scan(tmp_path / "scan.ply", scan(tmp_path / "built.ifc", pose, SENSOR))
+    found = detect(
+        tmp_path / "architect.ifc", tmp_path / "scan.ply", [pose], also=[tmp_path / "mason.ifc"],
+        reading=Reading(sensor=SENSOR), settings=BELIEVED,
+    )  # fmt: skip
+    (whole,) = [one for one in found.elements if one.parts]
+    assert whole.verdict == ("present" if stands else "removed")
+    assert [one.key for one in found.mismatches] == ([] if stands else [whole.key])
+    told = {one.verdict for one in found.elements if one.part_of and sum(one.rays[:2])}
+    assert told == {whole.verdict} and max(sum(one.rays[:2]) for one in found.elements if one.part_of) < 10
+
+
 def test_a_wall_that_three_trades_have_cut_in_three_ways_is_one_mismatch_and_marked_in_all(seen, tmp_path):
     write_room(tmp_path / "third.ifc", table_of(thirds((0.0, 0.5, 1.0))), 0)
     found, (wall,), _ = seen([], more=[tmp_path / "third.ifc"])
