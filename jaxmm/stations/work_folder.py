@@ -292,10 +292,12 @@ def _held(folder: Path | None, key: str, leaves: bool = False) -> Iterator[Path]
         except (InputError, RuntimeError, KeyboardInterrupt, OSError) as error:
             if _has_steps(folder):
                 kept = f"what is done is kept in {folder}, from where the same command goes on"
-                if isinstance(error, OSError):  # as where the disk is full
+                if isinstance(error, OSError) and error.errno is not None:  # as where the disk is full
                     raise OSError(error.errno, f"{error.strerror}; {kept}", error.filename) from error
                 kind = next(
-                    one for one in (Misfit, InputError, RuntimeError, KeyboardInterrupt) if isinstance(error, one)
+                    one
+                    for one in (Misfit, InputError, RuntimeError, KeyboardInterrupt, OSError)
+                    if isinstance(error, one)
                 )
                 raise kind(f"{error}; {kept}" if str(error) else kept) from error
             shutil.rmtree(folder, ignore_errors=True)

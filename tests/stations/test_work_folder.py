@@ -213,7 +213,7 @@ def test_without_ray_its_engine_is_refused_before_anything_is_read(monkeypatch, 
         detect(tmp_path / "none.ifc", [tmp_path / "none.ply"], work=Work("ray"))
 
 
-@pytest.mark.parametrize("kind", [InputError, Misfit, RuntimeError, KeyboardInterrupt])
+@pytest.mark.parametrize("kind", [InputError, Misfit, RuntimeError, KeyboardInterrupt, OSError])
 def test_what_ends_it_names_the_folder_that_is_kept(kind, tmp_path):
     folder = tmp_path / "work"
     for done in (False, True):
