@@ -18,7 +18,8 @@
 #              here, --xla_cpu_max_isa=AVX2: 512: same; 1024: same; rsqrt: same; rows: same; turned: same
 #              platform_dependent_math off: 512: same; 1024: same; rsqrt: same; rows: other bits; turned: same
 # In jaxmm: training and evaluation are compiled with that option, products of gradients have their operand turned, and
-#   short sums an order of their own: trained weights are the same bits (tests/learning/test_same_anywhere.py).
+#   short sums an order of their own: with as many threads trained weights are the same bits
+#   (tests/learning/test_same_anywhere.py).
 set -euo pipefail
 VERSION=${VERSION:-0.10.2}
 work=$(mktemp -d)

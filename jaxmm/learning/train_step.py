@@ -17,8 +17,9 @@ from jaxmm.learning.losses import LossSum, focal_loss
 from jaxmm.learning.model import Model
 from jaxmm.learning.network import PointNetwork, norm_of
 
-# Of XLA's CPU backend: the same bits on every x86-64 processor with AVX2 (tests/learning/test_same_anywhere.py). No
-# option has a promise to stay, so other versions than the measured one keep their defaults.
+# Of XLA's CPU backend: with as many threads, among which it splits long sums, the same bits on every x86-64 processor
+# with AVX2 (tests/learning/test_same_anywhere.py). No option has a promise to stay, so other versions than the measured
+# one keep their defaults.
 COMPILER_OPTIONS = {"xla_cpu_enable_platform_dependent_math": False} if jax.__version_info__[:2] == (0, 10) else None
 
 

@@ -39,7 +39,7 @@ from jaxmm.runs.object_training import (
     plain,
     told_of,
 )
-from jaxmm.verdicts.mismatches import judged_side
+from jaxmm.verdicts.scan_fusion import judged_side
 from jaxmm.verdicts.station_steps import look_at
 from jaxmm.weights import DEFAULT
 from warp_scanner.cores import worker_pool

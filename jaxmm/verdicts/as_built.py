@@ -153,9 +153,11 @@ def tolerances(prior: Prior, limits: DeviationSettings) -> np.ndarray:
 def with_displaced(verdicts: list[Verdict], stands: AsBuilt, least_rays: int) -> list[Verdict]:
     """The verdicts, with those of elements that stand off their places, and of those that only their faces show."""
     semantic, found = stands.prior.scene.triangles.semantic, list(verdicts)
+    glazed = set(_glazed(stands.prior.building).tolist())
     for row, one in stands.deviations.items():
         verdict, enough = found[row].verdict, one.rays >= least_rays
-        least = STANDS if verdict in (OCCLUDED, UNSCANNED) else WHOLLY
+        # What passes through its glass tells no more of what is partly of glass than what never got there.
+        least = STANDS if verdict in (OCCLUDED, UNSCANNED) or row in glazed else WHOLLY
         if enough and one.stands >= least:
             verdict = PRESENT
         if verdict == PRESENT and enough and one.stands >= STANDS and one.surely > stands.tolerance[row]:

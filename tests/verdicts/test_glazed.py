@@ -21,6 +21,8 @@ PARTS = tuple(
     for y, z, half, high in ((-1.4, 1.5, 0.6, 1.5), (1.4, 1.5, 0.6, 1.5), (0.0, 0.45, 0.8, 0.45), (0.0, 2.8, 0.8, 0.2))
 )
 PANE = ((1.0, 0.0, 1.75), (0.02, 0.8, 0.85), WALL)
+POSTS = (-2.84, -0.95, 0.95, 2.84)
+CHEST = ((1.6, 0.0, 0.9), (0.15, 0.8, 0.9), OTHER)  # behind the glass
 
 
 def joined(boxes, glass):
@@ -49,6 +51,24 @@ def test_a_wall_with_a_pane_is_measured_by_the_rest_of_it(judges, by):
     one = found.elements[-1]
     assert one.verdict == ("displaced" if abs(by) > 0.03 else "present")
     assert one.deviation.offset == pytest.approx((by, 0.0, 0.0), abs=2e-4) and not found.mismatches
+
+
+@pytest.mark.parametrize("by", [0.0, -0.1, -0.21])
+def test_a_wall_that_is_mostly_of_glass_is_not_gone_because_rays_pass_its_panes(judges, by):
+    frame = tuple(
+        ((1.0, y, z), (0.05, half, high), WALL)
+        for y, z, half, high in ((0.0, 0.25, 2.9, 0.25), (0.0, 2.85, 2.9, 0.15), *((y, 1.6, 0.06, 1.1) for y in POSTS))
+    )
+    panes = tuple(((1.0, y, 1.6), (0.012, 0.86, 1.1), WALL) for y in (-1.89, 0.0, 1.89))
+    glass = range(len(frame), len(frame) + len(panes))
+    found = told(judges, joined((*frame, *panes), [*glass]), (*shifted(frame, (by, 0.0, 0.0)), CHEST))
+    assert found.elements[-1].verdict == ("displaced" if by else "present")
+    assert not [one for one in found.mismatches if one.mismatch_type == "removed"]
+
+
+def test_a_wall_that_is_mostly_of_glass_is_gone_where_nothing_of_it_stands(judges):
+    building = joined((*PARTS, PANE), [len(PARTS)])
+    assert told(judges, building, ()).elements[-1].verdict == "removed"
 
 
 @pytest.mark.parametrize("behind", [0.08, 0.25])
