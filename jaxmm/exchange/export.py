@@ -57,8 +57,9 @@ def export(settings: ExportSettings, folder: Path, request: Request = Request())
         OSError: a file cannot be written; the scenes that are there stay whole.
     """
     truth = (request.truth or truth_path(folder)).resolve()
-    if request.count < 1 or (request.workers is not None and request.workers < 1):
-        raise InputError(f"--count and --workers: expected at least 1, got {request.count} and {request.workers}")
+    for name, value in (("count", request.count), ("workers", request.workers)):
+        if value is not None and value < 1:
+            raise InputError(f"--{name}: expected at least 1, got {value}")
     if truth.is_relative_to(folder.resolve()):
         raise InputError(f"--truth: expected a file outside of {folder}, which others are given, got {truth}")
     check_folder(folder, "DIR")

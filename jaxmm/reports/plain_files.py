@@ -111,9 +111,14 @@ def elements_csv(elements: Iterable[ElementVerdict]) -> str:
         rows.append([
             one.guid, one.ifc_class, one.name, one.storey, one.verdict, told_probability(one.probability), one.points,
             *one.rays, *(one.next_view or [None] * 5), *_deviation(one.deviation), one.file,
-            *("; ".join(f"{guid} of {file}" for file, guid in keys) or None for keys in (one.same_as, one.parts_gone)),
+            listed_keys(one.same_as), listed_keys(one.parts_gone),
         ])  # fmt: skip
     return as_csv(ELEMENT_COLUMNS, rows)
+
+
+def listed_keys(keys: Iterable[tuple[str, str]]) -> str | None:
+    """Elements by file and GlobalId, as one cell; None where there are none."""
+    return "; ".join(f"{guid} of {file}" for file, guid in keys) or None
 
 
 def deviations_csv(elements: Iterable[ElementVerdict]) -> str:

@@ -16,6 +16,7 @@ from jaxmm.files import write_atomically
 from jaxmm.reports.archives import write_zip
 from jaxmm.reports.deviation_words import displaced, measured, offset_in_words, place_in_words, span_of
 from jaxmm.reports.markdown import printable
+from jaxmm.reports.plain_files import listed_keys
 from jaxmm.verdicts.results import Detection, ElementVerdict, told_probability
 
 WORKBOOK = "elements.xlsx"
@@ -26,11 +27,15 @@ _OFF = (
     "turn [deg]", "lean [deg]", "flatness [mm]", "seen in tolerance [%]", "rays on it", "LOA", "DIN 18202",
 )  # fmt: skip
 _RAYS = ("P(removed) [%]", "rays through", "rays on its place", "rays blocked", "rays unseen")
+_MANY = ("the same as", "removed parts")
 _THING = (
     "number", "centre x [mm]", "centre y [mm]", "centre z [mm]", "length [mm]", "width [mm]", "height [mm]",
     "rotation [deg]", "points",
 )  # fmt: skip
-_WIDTHS = {"name": 34, "in words": 46, "GlobalId": 26, "storey": 18, "class": 18, "file": 22}
+_WIDTHS = {
+    "name": 34, "in words": 46, "GlobalId": 26, "storey": 18, "class": 18, "file": 22, "the same as": 34,
+    "removed parts": 34,
+}  # fmt: skip
 _DATES = re.compile(rb"<dcterms:(created|modified)[^>]*>[^<]*</dcterms:\1>")
 _NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")  # what a cell cannot hold
 
@@ -55,7 +60,9 @@ def write_workbook(path: Path, detection: Detection) -> bool:
     off = [[*_who(one), *_off(one), place_in_words(one)] for one in displaced(elements)]
     add_sheet(book, "Displaced", (*_WHO, *_OFF, "sentence"), off)
     add_sheet(book, "Measured", (*_WHO, *_OFF), [[*_who(one), *_off(one)] for one in measured(elements)])
-    add_sheet(book, "Elements", (*_WHO, *_OFF, *_RAYS), [[*_who(one), *_off(one), *_rays(one)] for one in elements])
+    add_sheet(book, "Elements", (*_WHO, *_OFF, *_RAYS, *_MANY), [
+        [*_who(one), *_off(one), *_rays(one), listed_keys(one.same_as), listed_keys(one.parts_gone)] for one in elements
+    ])  # fmt: skip
     add_sheet(book, "Not in the model", _THING, [
         [number, *map(_millimetres, (*one.center, *one.dimensions)), float(one.rotation), one.points]
         for number, one in enumerate(detection.unexplained, 1)

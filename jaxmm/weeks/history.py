@@ -164,12 +164,38 @@ def _notes(weeks: Sequence[Week], elements: Sequence[Followed]) -> tuple[str, ..
                 f"{labels[number]}: the model has changed since {labels[number - 1]}: {len(new - old)} elements are "
                 f"new, {len(old - new)} are no longer in it, {len(old & new)} are in both"
             )
+    notes += _without_parts(labels, elements)
     back = [one for one in elements if any(a == GONE and b in STANDING for _, a, b in one.changes)]
     if back:
-        names = ", ".join(repr(one.latest.name or one.latest.guid) for one in back[:MOST_NAMED])
-        more = f" and {len(back) - MOST_NAMED} more" if len(back) > MOST_NAMED else ""
-        notes.append(f"told to be removed in one week, and seen again in a later one: {names}{more}")
+        names = _first([repr(one.latest.name or one.latest.guid) for one in back], ", ")
+        notes.append(f"told to be removed in one week, and seen again in a later one: {names}")
     return tuple(_shown(note) for note in notes)
+
+
+def _without_parts(labels: Sequence[str], elements: Sequence[Followed]) -> list[str]:
+    """A note for each week on what stands though parts of it do not: a whole stands as long as any of them does."""
+    known = {(one.latest.file, one.latest.guid): one for one in elements}
+    notes = []
+    for week, label in enumerate(labels):
+        named = []
+        for one in elements:
+            parts = [known[key] for key in one.latest.parts if key in known]
+            gone = [part for part in parts if part.moments[week].state in (ABSENT, GONE)]
+            if gone and one.moments[week].state in STANDING:
+                told = _first([f"{_called(part)} {part.moments[week].state}" for part in gone], ", ")
+                named.append(f"{_called(one)}: {told}")
+        if named:
+            notes.append(f"{label}: stands as a whole, but not in all its parts: {_first(named, '; ')}")
+    return notes
+
+
+def _called(one: Followed) -> str:
+    return f"{one.latest.name!r} ({one.latest.guid})"
+
+
+def _first(names: Sequence[str], between: str) -> str:
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return between.join(names[:MOST_NAMED]) + more
 
 
 def _shown(text: str) -> str:

@@ -20,7 +20,7 @@ from jaxmm.reports.page_data import as_script
 from jaxmm.weeks.colours import colour_of
 from jaxmm.weeks.history import STATES, Followed, Moment, Progress
 from jaxmm.weeks.outlines import Outlines
-from jaxmm.weeks.shares import Share, due_of, shares_of, storey_of
+from jaxmm.weeks.shares import Share, due_of, once_each, shares_of, storey_of
 from jaxmm.weeks.summary import headline
 
 
@@ -62,6 +62,8 @@ def page_data(progress: Progress, outlines: Outlines) -> dict[str, Any]:
         ],
         "colours": [colour_of(week, len(progress.weeks)) for week in range(len(progress.weeks))],
         "elements": [_element(one, progress) for one in progress.elements],
+        # What two files have is drawn and listed for each, and counted once, as in shares.
+        "counted": [row[one.key] for one in once_each(progress.elements)],
         "tasks": [printable(task.name or task.guid) for task in progress.plan.tasks],
         "shares": _shares(shares_of(progress)),
         "bounds": [corner.tolist() for corner in outlines.bounds] if outlines.storeys else None,

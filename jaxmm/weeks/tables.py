@@ -160,7 +160,7 @@ def _write_workbook(path: Path, progress: Progress, shares: list[Share]) -> bool
         return False
     labels, book = progress.labels, Workbook()
     book.remove(book.active)
-    who = ("class", "storey", "name", "GlobalId")
+    who = ("class", "storey", "name", "GlobalId", "file")
     columns = (
         *who, "state", "since", "first seen", "not before", "last seen", "removed", "displaced", "moved [mm]",
         "planned finish", "behind", "days behind", "tasks", *labels, *(f"off {label} [mm]" for label in labels),
@@ -168,22 +168,22 @@ def _write_workbook(path: Path, progress: Progress, shares: list[Share]) -> bool
     rows = []
     for one in progress.elements:
         cells = _row(one, progress)
-        guid, _, kind, name, storey, state, since, *when = cells[:12]
+        guid, file, kind, name, storey, state, since, *when = cells[:12]
         moved, finish, behind, days, tasks = cells[12:17]
         states = cells[17 : 17 + len(labels)]
         rows.append([
-            kind, storey, name, guid, state, since, *when, None if moved is None else 1000.0 * moved, finish, behind,
-            days, tasks, *states, *(_length(moment) for moment in one.moments),
+            kind, storey, name, guid, file, state, since, *when, None if moved is None else 1000.0 * moved, finish,
+            behind, days, tasks, *states, *(_length(moment) for moment in one.moments),
         ])  # fmt: skip
     add_sheet(book, "Elements", columns, rows)
     changes = [
-        [labels[week], before, after, one.latest.ifc_class, one.latest.storey, one.latest.name, one.latest.guid]
+        [labels[week], before, after, *_in_book(one)]
         for week in range(len(labels))
         for one in progress.elements
         for when, before, after in one.told_changes
         if when == week
     ]
-    add_sheet(book, "Changes", ("week", "was", "is", "class", "storey", "name", "GlobalId"), changes)
+    add_sheet(book, "Changes", ("week", "was", "is", *who), changes)
     head = ("by", "name", "week", "elements", *STATES, "done", "done, at least [%]", "done, at most [%]")
     counted = [
         [one.kind, one.name, labels[one.week], one.elements, *one.counts.values(), one.done,
@@ -192,7 +192,7 @@ def _write_workbook(path: Path, progress: Progress, shares: list[Share]) -> bool
     ]  # fmt: skip
     add_sheet(book, "Shares", head, counted)
     offsets = [
-        [one.latest.ifc_class, one.latest.storey, one.latest.name, one.latest.guid, labels[week], *_measured(moment)]
+        [*_in_book(one), labels[week], *_measured(moment)]
         for one in progress.elements
         for week, moment in enumerate(one.moments)
         if moment.offset is not None
@@ -203,6 +203,11 @@ def _write_workbook(path: Path, progress: Progress, shares: list[Share]) -> bool
     add_sheet(book, "Offsets", (*who, "week", *axes, "turn [deg]", "lean [deg]"), offsets)
     write_book(path, book)
     return True
+
+
+def _in_book(one: Followed) -> list[str]:
+    guid, file, kind, name, storey = _who(one)
+    return [kind, storey, name, guid, file]
 
 
 def _length(moment: Moment) -> float | None:

@@ -32,7 +32,17 @@ def test_a_workbook_has_all_elements_the_worst_first(openpyxl, removed, tmp_path
     assert row["x (east) [mm]"] == 23.0 and row["y (north) [mm]"] is None  # that nothing fixes
     guids = [cells[4] for cells in book["Elements"].iter_rows(min_row=2, values_only=True)]
     assert guids == [one.guid for one in told.elements]
+    heads = [cell.value for cell in book["Elements"][1]]
+    assert heads[-2:] == ["the same as", "removed parts"]
     assert book["Measured"].max_row - 1 == sum(one.deviation is not None for one in told.elements)
+
+
+def test_a_whole_without_a_part_says_so(openpyxl, removed, tmp_path):
+    first, *rest = removed.elements
+    first = first._replace(same_as=(("a.ifc", "twin"),), parts_gone=(("b.ifc", "one"), ("b.ifc", "two")))
+    assert write_workbook(tmp_path / "a.xlsx", removed._replace(elements=(first, *rest)))
+    rows = list(openpyxl.load_workbook(tmp_path / "a.xlsx")["Elements"].iter_rows(min_row=2, values_only=True))
+    assert rows[0][-2:] == ("twin of a.ifc", "one of b.ifc; two of b.ifc") and rows[1][-2:] == (None, None)
 
 
 def test_names_stay_text(openpyxl, removed, tmp_path):

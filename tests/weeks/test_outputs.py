@@ -98,12 +98,15 @@ def test_the_workbook_holds_four_tables(out):
     sheets = {sheet.title: list(sheet.iter_rows(values_only=True)) for sheet in book}
     assert list(sheets) == ["Elements", "Changes", "Shares", "Offsets"]
     assert len(sheets["Elements"]) == 1 + len(SEEN)
+    # Two files may use one GlobalId: an element is known by both.
+    assert all(sheets[title][0][at + 3 : at + 5] == ("GlobalId", "file") for title, at in
+               (("Elements", 0), ("Changes", 3), ("Offsets", 0)))  # fmt: skip
     changes = {(row[0], row[5]): row[1:3] for row in sheets["Changes"][1:]}
     assert changes[DATES[3], "A3"] == ("built", "removed") and (DATES[3], "A1") not in changes
     assert changes[DATES[0], "A1"] == ("not seen", "first seen to stand")
     assert changes[DATES[1], "A3"] == ("not built", "built")
-    (two,) = [row for row in sheets["Offsets"] if row[2] == "B2" and row[4] == DATES[3]]
-    assert two[5:8] == (61, 57, 65) and two[8:11] == (None,) * 3
+    (two,) = [row for row in sheets["Offsets"] if row[2] == "B2" and row[5] == DATES[3]]
+    assert two[6:9] == (61, 57, 65) and two[9:12] == (None,) * 3
 
 
 def test_plans_are_drawn_in_the_colours_of_the_weeks(out):

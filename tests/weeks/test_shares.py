@@ -4,10 +4,12 @@ import pytest
 
 from jaxmm.ifc.tasks import Task, TaskPlan, with_parents
 from jaxmm.weeks.history import follow
+from jaxmm.weeks.outlines import outlines_of
+from jaxmm.weeks.page import page_data
 from jaxmm.weeks.reports import read_weeks
 from jaxmm.weeks.shares import LATE, OPEN, due_of, shares_of, storeys_of
 from jaxmm.weeks.summary import lines_of
-from tests.cases.four_weeks import changed, report, write_reports
+from tests.cases.four_weeks import DATES, changed, report, write_reports
 
 BUILD = Task("t0", "walls", "2026-03-01", "2026-03-16", False, None)
 PLAN = TaskPlan(
@@ -70,6 +72,9 @@ def test_storeys_go_up_by_their_places_whatever_their_names(tmp_path):
     assert storeys_of(progress) == ["Z below", "A above", "without a storey"]
 
 
+REST = ["A4", "B1", "B2", "B3", "B4", "C"]  # counted beside A1, which A2 is again; A3 is B1 and B2
+
+
 def named(name):
     return {"file": "other.ifc" if name[0] == "B" or name == "A2" else "house.ifc", "guid": f"guid-{name}"}
 
@@ -85,7 +90,17 @@ def test_what_two_files_have_counts_once(tmp_path):
                 one["same_as"] = [named("A2" if name == "A1" else "A1")]
             if name == "A3":
                 one["parts"] = [named("B1"), named("B2")]
-    shares = shares_of(follow(read_weeks(write_reports(tmp_path, contents))))
+    progress = follow(read_weeks(write_reports(tmp_path, contents)))
+    shares = shares_of(progress)
+    # A3 stands in the second week, when neither of its pieces does, and in the third, when both do.
+    assert progress.notes == (
+        f"{DATES[1]}: stands as a whole, but not in all its parts: 'A3' (guid-A3): 'B1' (guid-B1) not built, "
+        "'B2' (guid-B2) not built",
+    )
+    # The page counts as the shares do, and lists every element.
+    page = page_data(progress, outlines_of(progress, None))
+    named_once = sorted(page["elements"][row]["name"] for row in page["counted"])
+    assert len(page["elements"]) == 9 and named_once in [["A1", *REST], ["A2", *REST]]
     assert [one.elements for one in shares if one.kind == "all"] == [7] * 4
     by_name = {one.name: one for one in shares if one.week == 0}
     assert by_name["Upper floor"].elements == 4  # its pieces are there, the whole is below

@@ -3,6 +3,7 @@ const SVG = "http://www.w3.org/2000/svg";
 const MOST_ROWS = 300;
 const at = (name) => document.getElementById(name);
 const elements = data.elements, weeks = data.weeks;
+const counted = data.counted.map((row) => elements[row]);
 const slug = (state) => state.replace(" ", "-");
 const stateOf = (one, week) => data.states[one.states[week]];
 let now = weeks.length - 1, storey = 0, picked = null, timer = null, view = null;
@@ -114,7 +115,7 @@ function showLegend(byFirst) {
     return node;
   };
   const counts = {};
-  for (const one of elements) if (inModel(one, now)) counts[stateOf(one, now)] = (counts[stateOf(one, now)] || 0) + 1;
+  for (const one of counted) if (inModel(one, now)) counts[stateOf(one, now)] = (counts[stateOf(one, now)] || 0) + 1;
   for (const state of data.states) {
     if (byFirst && state === "built") {
       for (let n = 0; n <= now; n += 1) entries.push([swatch("built", data.colours[n]), `first seen ${weeks[n].label}`]);
@@ -287,8 +288,8 @@ function show() {
   at("week").value = now;
   at("week").setAttribute("aria-valuetext", week.label);
   at("date").textContent = week.label;
-  const count = elements.filter((one) => told(one, now)).length;
-  at("told").textContent = `Week ${now + 1} of ${weeks.length}, from ${week.report}: its scans told of ${count} of ${elements.length} elements.`;
+  const count = counted.filter((one) => told(one, now)).length;
+  at("told").textContent = `Week ${now + 1} of ${weeks.length}, from ${week.report}: its scans told of ${count} of ${counted.length} elements.`;
   choose(picked);
   showBars();
   showCurve();
