@@ -53,13 +53,20 @@ def all_of(parts: Sequence[Alone]) -> Alone:
 
 
 def of_element(scene: TriangleScene, element: int, rays: ScanRays) -> Alone:
-    """An element of the prior that is held for removed: rays beyond it tell, rays that end right on it deny."""
+    """An element of the prior that is held for removed: rays beyond it tell, rays that end right on it deny.
+
+    Where another element of the prior has a surface at the same place, as beside a corner or below a floor, a ray that
+    ends there says nothing of this one.
+    """
     only = np.arange(len(scene.triangles.semantic)) == element
     reach = cast_triangles(scene, Rays(rays.position[None], rays.direction), only).distance[0]
     meets = np.isfinite(reach) & (reach <= rays.limit)
     apart = rays.distance[meets] - reach[meets]
     back = np.isfinite(apart)
-    return Alone(int(meets.sum()), int((back & (apart > APART)).sum()), int((np.abs(apart) <= BASE_MARGIN).sum()))
+    ends = np.flatnonzero(meets)[np.abs(apart) <= BASE_MARGIN]
+    others = cast_triangles(scene, Rays(rays.position[None], rays.direction[ends]), ~only).distance[0]
+    own = np.abs(rays.distance[ends] - others) > BASE_MARGIN
+    return Alone(int(meets.sum()), int((back & (apart > APART)).sum()), int(own.sum()))
 
 
 def for_sure(scene: TriangleScene, rays: ScanRays, told: Told, limits: VerdictSettings) -> Told:

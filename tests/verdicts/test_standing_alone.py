@@ -6,9 +6,11 @@ import pytest
 from jaxmm.learning.boxes import Box
 from jaxmm.rays.scan_rays import ScanRays
 from jaxmm.verdicts import standing_alone
+from tests.cases.box_building import building_of
 from warp_scanner.scenes.building import Triangles
 from warp_scanner.scenes.scenes import BOX, WALL, Primitives, scene_mesh
-from warp_scanner.sensors.triangles import prepare
+from warp_scanner.sensors.scan import Rays
+from warp_scanner.sensors.triangles import cast_triangles, prepare
 
 
 def rays(distance, spread=0.5, count=41, limit=np.inf):
@@ -113,3 +115,18 @@ def test_an_element_of_a_building(distance, tell, deny):
         scan = scan._replace(distance=(2.5 / scan.direction[:, 0]).astype(np.float32))
     found = standing_alone.of_element(scene, 0, scan)
     assert found.would_meet == 41 and (found.tell == 41) == tell and (found.deny == 41) == deny
+
+
+@pytest.mark.parametrize("half", [0.0, 0.75])  # [m] half the height of what still stands of it
+def test_rays_that_end_on_what_touches_a_gone_element_do_not_deny_that_it_is_gone(half):
+    gone = ((3.0, 0.0, 0.0), (0.5, 0.5, 1.5), WALL)
+    beside = ((3.0, 0.6, 0.0), (0.5, 0.1, 1.5), WALL)  # its face is where that of the gone one ends
+    still = ((3.0, 0.0, -1.5 + half), (0.5, 0.5, half), WALL)
+    turn, up = (axis.ravel() for axis in np.meshgrid(np.linspace(-0.25, 0.25, 2001), (-0.3, 0.0, 0.3)))
+    direction = np.stack([np.cos(turn) * np.cos(up), np.sin(turn) * np.cos(up), np.sin(up)], axis=1).astype(np.float32)
+    behind = ((6.0, 0.0, 0.0), (0.1, 5.0, 5.0), WALL)
+    real = prepare(building_of((beside, behind, *((still,) if half else ()))).triangles)
+    distance = cast_triangles(real, Rays(np.zeros((1, 3)), direction)).distance[0]
+    scan = ScanRays(np.zeros(3), direction, distance, len(distance), direction, 0.001, np.inf)
+    found = standing_alone.of_element(prepare(building_of((gone, beside, behind)).triangles), 0, scan)
+    assert found.tell > 1000 and (found.deny > 1000 if half else found.deny == 0)
