@@ -8,8 +8,8 @@
 #   by that flag. Sums of up to 512 products are equal, longer ones are not. rsqrt starts from the processor's estimate.
 #   The flag limits only what XLA itself compiles, so a test under it passes while another machine differs.
 #   With xla_cpu_enable_platform_dependent_math off they are equal, but for products that YNNPACK does not take, such as
-#   those that contract the first operand's rows, which gradients of kernels are. These run in Eigen, which splits their
-#   sums by the size of the processor's caches. With that operand transposed behind an optimization_barrier YNNPACK
+#   those that contract the first operand's rows, which gradients of kernels are. These run in Eigen, which seems to split
+#   their sums by the size of the processor's caches. With that operand transposed behind an optimization_barrier YNNPACK
 #   takes them.
 # Seen:
 #   jax 0.10.2 here (X86_V4) and on an emulated Haswell

@@ -61,7 +61,8 @@ def _products_forward(points, kernel):
 def _products_backward(saved, slope):
     """With the narrower operand transposed before the product, not within it: YNNPACK takes no other kind.
 
-    Eigen, which then would, splits the sum over N by the size of the processor's caches: other bits on another one.
+    Eigen, which then would, makes other bits on another processor: it seems to split the sum over N by the size of
+    caches.
     """
     points, kernel = saved
     still = jax.lax.optimization_barrier  # or XLA makes one product of it again, transposed within

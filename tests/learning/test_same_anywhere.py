@@ -63,8 +63,8 @@ def digests(name, clouds, points, features):
 print(json.dumps([digests(*what) for what in json.loads(sys.argv[1])]))
 """
 # Network, clouds, points and features: sums of few and of many numbers, of even and of odd counts.
-CASES = (("small", 4, 512, 4), ("compact", 3, 333, 29), ("compact", 8, 2048, 29))
-WHOLE = (*CASES, ("thesis", 4, 1024, 4))  # the last is what the demo trains
+CASES = (("small", 4, 512, 4), ("compact", 3, 333, 29))  # an emulated processor is a hundred times as slow
+WHOLE = (*CASES, ("compact", 8, 2048, 29), ("thesis", 4, 1024, 4))  # the last is what the demo trains
 
 
 def bits(cases, flags="", before=()):
@@ -87,9 +87,9 @@ def bits(cases, flags="", before=()):
 
 @pytest.mark.skipif("X86_V3" not in instructions(), reason="AVX2 is for processors of Intel's and AMD's kind")
 def test_steps_are_the_same_bits_with_avx2_alone():
-    wide, narrow = bits(CASES[1:2]), bits(CASES[1:2], "--xla_cpu_max_isa=AVX2")
+    wide, narrow = bits(CASES[1:]), bits(CASES[1:], "--xla_cpu_max_isa=AVX2")
     assert wide == narrow
-    # No limit reaches Eigen, which splits the sums of a product by the size of the processor's caches.
+    # No limit reaches Eigen, which makes other bits on another processor.
     assert wide[0]["eigen"] == []
 
 
@@ -99,5 +99,10 @@ def test_steps_are_the_same_bits_on_an_emulated_haswell():
     emulator = shutil.which("qemu-x86_64") or shutil.which("qemu-x86_64-static")
     if not emulator:
         pytest.skip("needs qemu-user")
-    haswell = bits(WHOLE, "", (emulator, "-cpu", "Haswell-noTSX"))  # AVX2 and no more, and caches of its own
-    assert bits(WHOLE) == bits(WHOLE, "--xla_cpu_max_isa=AVX2") == haswell
+    assert bits(CASES) == bits(CASES, "", (emulator, "-cpu", "Haswell-noTSX"))  # AVX2 and no more, own caches
+
+
+@pytest.mark.long
+@pytest.mark.skipif("X86_V3" not in instructions(), reason="AVX2 is for processors of Intel's and AMD's kind")
+def test_steps_of_whole_trainings_are_the_same_bits_with_avx2_alone():
+    assert bits(WHOLE) == bits(WHOLE, "--xla_cpu_max_isa=AVX2")
