@@ -35,7 +35,9 @@ class FlatCase(NamedTuple):
     element: np.ndarray  # (N,) int32 slot of the flat that each point is on
 
 
-def flat_case(seed: int, number: int, sensor: str | None = None, lacks: int | None = None) -> FlatCase:
+def flat_case(
+    seed: int, number: int, sensor: str | None = None, lacks: int | None = None, built_in: bool = False
+) -> FlatCase:
     """A flat, a pure function of its arguments.
 
     Args:
@@ -43,9 +45,10 @@ def flat_case(seed: int, number: int, sensor: str | None = None, lacks: int | No
         number: which of them.
         sensor: "tilting", or a name that `sensor_named` knows; None: any of SENSORS.
         lacks: how many walls or columns, that the scan sees, the model is without, if there are so many; None: few.
+        built_in: whether cupboards reach up to the ceiling, too.
     """
     rng = np.random.default_rng((seed, number))
-    flat = make_flat(rng)
+    flat = make_flat(rng, built_in)
     drawn_sensor, drawn_count = str(rng.choice(SENSORS)), int(rng.choice(LACKS))
     sensor, lacks = sensor or drawn_sensor, drawn_count if lacks is None else lacks
     seen = seen_by_tilting(rng, flat) if sensor == "tilting" else seen_by(rng, flat, sensor_named(sensor))

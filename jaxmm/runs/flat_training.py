@@ -1,11 +1,12 @@
 """Trains the judge of objects further, on candidates of small, low and crowded flats among those of rooms.
 
-    python -m jaxmm.runs.flat_training --judge FILE --out FILE [--flats 1200] [--rooms 160] [--draws DIR]
+    python -m jaxmm.runs.flat_training --judge FILE --out FILE [--flats 1200] [--rooms 160] [--built-in 320] [--draws DIR]
 
 K candidates, F clues. The judge has learnt from rooms (`object_training`), of which few are low and none is crowded.
 MORE rounds of trees, which count in low rooms alone, are grown on what it is still wrong about there: candidates of
-flats, where walls are short and things stand close before them, and of rooms as the judge learnt from, but low. A tenth
-of either is kept from training, to say how well it does.
+flats, where walls are short and things stand close before them, of rooms as the judge learnt from, but low, and of
+flats in which cupboards reach up to the ceiling: without those, all that does so would be a wall. A tenth of each is
+kept from training, to say how well it does.
 """
 
 import argparse
@@ -45,6 +46,7 @@ from jaxmm.weights import DEFAULT
 from warp_scanner.cores import worker_pool
 
 SEED = 5  # of the flats: of no other training, validation or test
+BUILT_IN_SEED = 6  # of those with cupboards up to the ceiling
 MORE = 200  # rounds; chosen on flats that were kept out
 LOW_ROOM = {"size": (20.0, 20.0, LOW), "size_spread": (17.0, 17.0, LOW - 2.4)}  # [m], else as `varied`
 
@@ -90,7 +92,14 @@ def low_rooms_of_draw(number: int) -> Examples:
     return examples_of_rooms(draw._replace(changed=draw.changed | {"room": LOW_ROOM}), SEED, number)
 
 
-MAKERS = {"flats": flats_of_draw, "rooms": low_rooms_of_draw}
+def built_in_of_draw(number: int) -> Examples:
+    """The candidates of AT_ONCE flats with cupboards up to the ceiling."""
+    judges, first = read_judges(DEFAULT), number * AT_ONCE
+    cases = (flat_case(BUILT_IN_SEED, first + one, built_in=True) for one in range(AT_ONCE))
+    return joined([examples_of_flat(case, judges) for case in cases])
+
+
+MAKERS = {"flats": flats_of_draw, "rooms": low_rooms_of_draw, "built_in": built_in_of_draw}
 
 
 def kept_scenes(folder: Path | None, kind: str, number: int) -> Examples:
@@ -103,8 +112,8 @@ def low_ones(examples: Examples) -> Examples:
     return Examples(*(field[is_low(examples.clues)] for field in examples))
 
 
-def main(judge: Path, out: Path, flats: int, rooms: int, kept_in: Path | None = None) -> None:
-    """Make the flats and rooms, train further, save, and print how it does on the flats that it did not train on."""
+def main(judge: Path, out: Path, counts: dict[str, int], kept_in: Path | None = None) -> None:
+    """Make so many scenes of each of MAKERS, train further, save, and print how it does on those that were kept out."""
     onto = load_judge(judge)
     with safetensors.safe_open(judge, framework="numpy") as file:
         metadata = file.metadata()
@@ -112,8 +121,8 @@ def main(judge: Path, out: Path, flats: int, rooms: int, kept_in: Path | None = 
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     draws: dict[str, list[Examples]] = {}
-    with worker_pool() as pool, bar_of(f"{flats} flats, {rooms} rooms", flats + rooms, "scene") as bar:
-        for kind, count in (("flats", flats), ("rooms", rooms)):
+    with worker_pool() as pool, bar_of("flats and low rooms", sum(counts.values()), "scene") as bar:
+        for kind, count in counts.items():
             draws[kind] = []
             for made in pool.map(partial(kept_scenes, folder, kind), range(count // AT_ONCE)):
                 draws[kind].append(low_ones(made))
@@ -122,7 +131,8 @@ def main(judge: Path, out: Path, flats: int, rooms: int, kept_in: Path | None = 
     grown = fit(joined(learnt), onto, MORE)
     told = {kind: told_of(grown, joined(each[::KEPT])) for kind, each in draws.items()}
     told |= {f"{kind} before": told_of(onto, joined(each[::KEPT])) for kind, each in draws.items()}
-    save_judge(grown, out, metadata | {"flats": str(flats), "low_rooms": str(rooms), "kept_further": json.dumps(told)})
+    made = {"flats": str(counts["flats"]), "low_rooms": str(counts["rooms"]), "built_in": str(counts["built_in"])}
+    save_judge(grown, out, metadata | made | {"kept_further": json.dumps(told)})
     print(json.dumps(told))
 
 
@@ -132,6 +142,8 @@ if __name__ == "__main__":
     parser.add_argument("--out", type=Path, required=True, metavar="FILE")
     parser.add_argument("--flats", type=int, default=1200, metavar="N")
     parser.add_argument("--rooms", type=int, default=160, metavar="N")
+    parser.add_argument("--built-in", type=int, default=320, metavar="N")
     parser.add_argument("--draws", type=Path, metavar="DIR", help="keep what was made of scenes there, to go on from")
     asked = parser.parse_args()
-    main(asked.judge, asked.out, asked.flats, asked.rooms, asked.draws)
+    counts = {"flats": asked.flats, "rooms": asked.rooms, "built_in": asked.built_in}
+    main(asked.judge, asked.out, counts, asked.draws)

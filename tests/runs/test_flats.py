@@ -60,3 +60,14 @@ def test_points_lie_on_what_they_are_said_to_be_on_but_for_noise(sensor):
         assert len(seen.points) > 1000 and np.median(off) < 0.025 and np.quantile(off, 0.999) < 0.15
         assert np.all(seen.element >= 0) and len(np.unique(seen.points, axis=0)) == len(seen.points)
         np.testing.assert_allclose(seen.rotation @ seen.rotation.T, np.eye(3), atol=1e-12)
+
+
+def test_cupboards_reach_up_to_the_ceiling_where_they_are_built_in():
+    for number in range(8):
+        table, height = (flat := make_flat(np.random.default_rng(number), built_in=True)).primitives, flat.height
+        things = table.semantic[0] == FURNITURE
+        top = (table.center[0, :, 2] + table.half_size[0, :, 2])[things]
+        assert np.any(top > height - 0.07) and np.all(top <= height + 1e-6)
+        plain = flat_of(number).primitives
+        top = (plain.center[0, :, 2] + plain.half_size[0, :, 2])[plain.semantic[0] == FURNITURE]
+        assert np.all(top < height - 0.09)

@@ -52,8 +52,13 @@ class _Solid(NamedTuple):
     kind: int = BOX
 
 
-def make_flat(rng: np.random.Generator) -> Flat:
-    """Rooms behind each other, doors, things, perhaps a column, and a place for a sensor in one of the rooms."""
+def make_flat(rng: np.random.Generator, built_in: bool = False) -> Flat:
+    """Rooms behind each other, doors, things, perhaps a column, and a place for a sensor in one of the rooms.
+
+    Args:
+        rng: draws it.
+        built_in: whether cupboards reach up to the ceiling, too.
+    """
     width, depth, height, thickness = (float(rng.uniform(*one)) for one in (WIDTH, DEPTH, HEIGHT, THICKNESS))
     rooms, lines = _parted(rng, width, depth)
     middle, over = np.array([width / 2, depth / 2]), np.array([width + 1.0, depth + 1.0, SLAB])
@@ -70,6 +75,8 @@ def make_flat(rng: np.random.Generator) -> Flat:
     place = np.array([*rng.uniform(low + TO_WALLS, high - TO_WALLS), rng.uniform(*SENSOR_HEIGHT)])
     things = [one for low, high in rooms for one in _things(rng, (low, high), thickness, height)]
     things += [one for low, high in rooms for one in _columns(rng, (low, high), thickness, height, len(rooms))]
+    if built_in:
+        things += [one for room in rooms for one in _cupboards(rng, room, thickness, height)]
     movable = [one.semantic in (DOOR, FURNITURE, PILLAR) for one in [*solids, *things]]
     away = [np.linalg.norm(one.center[:2] - place[:2]) - one.size[:2].max() / 2 for one in [*solids, *things]]
     kept = [
@@ -181,6 +188,17 @@ def _things(rng: np.random.Generator, room: tuple, thickness: float, height: flo
             edges = np.array([*(size * share[:2]), (top - bottom) * share[2]])
             place = np.array([*(center + _turn(yaw)[:2, :2] @ aside), bottom + edges[2] / 2])
             found.append(_Solid(place, edges, yaw, FURNITURE))
+    return found
+
+
+def _cupboards(rng: np.random.Generator, room: tuple, thickness: float, height: float) -> list[_Solid]:
+    """Cupboards along walls that reach up to the ceiling, or nearly so."""
+    (low, high), found = room, []
+    for _ in range(int(rng.integers(1, 4))):
+        size = np.minimum([rng.uniform(0.5, 2.6), rng.uniform(0.3, 0.65)], 0.7 * (high - low).min())
+        center, yaw = _along_wall(rng, room, size, thickness / 2 + rng.choice([0.005, rng.uniform(0.0, 0.05)]))
+        edges = np.array([*size, height - rng.choice([0.0, rng.uniform(0.0, 0.06)])])
+        found.append(_Solid(np.array([*center, edges[2] / 2]), edges, yaw, FURNITURE))
     return found
 
 
