@@ -1,6 +1,6 @@
 """Trains the judge of objects further, on candidates of small, low and crowded flats among those of rooms.
 
-    python -m jaxmm.runs.flat_training --judge FILE --out FILE [--flats 1200] [--rooms 160] [--built-in 320] [--draws DIR]
+    python -m jaxmm.runs.flat_training --judge FILE --out FILE [--flats N] [--rooms N] [--built-in N] [--draws DIR]
 
 K candidates, F clues. The judge has learnt from rooms (`object_training`), of which few are low and none is crowded.
 MORE rounds of trees, which count in low rooms alone, are grown on what it is still wrong about there: candidates of
