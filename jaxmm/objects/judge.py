@@ -19,7 +19,7 @@ from jaxmm.inputs import InputError, one_line
 from jaxmm.objects.clues import CLUES
 from jaxmm.weights import OBJECTS
 
-LOW = 2.65  # [m] from floor to ceiling, up to which later rounds count: few rooms of the first ones are so low
+LOW = 2.4  # [m] from floor to ceiling, up to which later rounds count: no room of the first ones is lower
 KINDS = ("nothing", "pillar", "wall")
 
 
@@ -51,9 +51,10 @@ def judge_objects(judge: ObjectJudge, clues: np.ndarray) -> np.ndarray:
     return softmax(judge.start + leaf.sum(axis=1, dtype=np.float64), axis=1)
 
 
-def is_low(clues: np.ndarray) -> np.ndarray:
-    """(C,) bool: candidates in rooms up to LOW, from the clues (C, F): how high they reach, and what is left above."""
-    return clues[:, CLUES.index("top")] + clues[:, CLUES.index("left")] <= LOW
+def is_low(clues: np.ndarray, height: float = LOW) -> np.ndarray:
+    """(C,) bool: candidates in rooms up to a height [m], from the clues (C, F): how high they reach, and what is left
+    above."""
+    return clues[:, CLUES.index("top")] + clues[:, CLUES.index("left")] <= height
 
 
 def save_judge(judge: ObjectJudge, path: Path, metadata: dict[str, str]) -> None:

@@ -3,10 +3,10 @@
     python -m jaxmm.runs.flat_training --judge FILE --out FILE [--flats N] [--rooms N] [--built-in N] [--draws DIR]
 
 K candidates, F clues. The judge has learnt from rooms (`object_training`), of which few are low and none is crowded.
-MORE rounds of trees, which count in low rooms alone, are grown on what it is still wrong about there: candidates of
-flats, where walls are short and things stand close before them, of rooms as the judge learnt from, but low, and of
-flats in which cupboards reach up to the ceiling: without those, all that does so would be a wall. A tenth of each is
-kept from training, to say how well it does.
+MORE rounds of trees, which count in rooms up to 2.4 m alone, are grown on what it is still wrong about in low ones:
+candidates of flats, where walls are short and things stand close before them, of rooms as the judge learnt from, but
+low, and of flats in which cupboards reach up to the ceiling: without those, all that does so would be a wall. A tenth
+of each is kept from training, to say how well it does.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from jaxmm.learning.boxes import Box
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.learning.upright_shapes import outside
 from jaxmm.objects.finder import ObjectSettings, examine
-from jaxmm.objects.judge import KINDS, LOW, is_low, load_judge, save_judge
+from jaxmm.objects.judge import KINDS, is_low, load_judge, save_judge
 from jaxmm.progress import bar_of
 from jaxmm.rays.range_noise import settled
 from jaxmm.rays.scan_rays import rays_of_scan
@@ -48,7 +48,8 @@ from warp_scanner.cores import worker_pool
 SEED = 5  # of the flats: of no other training, validation or test
 BUILT_IN_SEED = 6  # of those with cupboards up to the ceiling
 MORE = 200  # rounds; chosen on flats that were kept out
-LOW_ROOM = {"size": (20.0, 20.0, LOW), "size_spread": (17.0, 17.0, LOW - 2.4)}  # [m], else as `varied`
+LEARNT = 2.65  # [m] from floor to ceiling, up to which there is something to learn; rounds count in lower rooms alone
+LOW_ROOM = {"size": (20.0, 20.0, LEARNT), "size_spread": (17.0, 17.0, LEARNT - 2.4)}  # [m], else as `varied`
 
 
 def examples_of_flat(case: FlatCase, judges: Judges) -> Examples:
@@ -108,8 +109,8 @@ def kept_scenes(folder: Path | None, kind: str, number: int) -> Examples:
 
 
 def low_ones(examples: Examples) -> Examples:
-    """Those in low rooms, where alone further rounds count."""
-    return Examples(*(field[is_low(examples.clues)] for field in examples))
+    """Those in rooms up to LEARNT: further rounds learn from them, and count in the lower ones."""
+    return Examples(*(field[is_low(examples.clues, LEARNT)] for field in examples))
 
 
 def main(judge: Path, out: Path, counts: dict[str, int], kept_in: Path | None = None) -> None:

@@ -9,7 +9,7 @@ from jaxmm.objects.clues import CLUES
 from jaxmm.objects.judge import KINDS, LOW, default_judge, judge_objects
 from jaxmm.runs import object_training
 from jaxmm.runs.flat_scans import LEAST_SEEN, SHORTEST, flat_case
-from jaxmm.runs.flat_training import examples_of_flat, kind_among, low_ones, low_rooms_of_draw
+from jaxmm.runs.flat_training import LEARNT, examples_of_flat, kind_among, low_ones, low_rooms_of_draw
 from jaxmm.runs.object_training import Examples, fit, joined
 from jaxmm.weights import DEFAULT
 from warp_scanner.scenes.scenes import PILLAR, WALL
@@ -78,6 +78,7 @@ def test_trees_that_go_on_from_others_learn_what_these_were_wrong_about_and_coun
     assert right[0] < 0.6 and right[1] > 0.85
     clues[:, left] = LOW + 0.01 - clues[:, top]
     np.testing.assert_array_equal(judge_objects(grown, clues), judge_objects(judge, clues))
+    clues[:, left] = LEARNT + 0.01 - clues[:, top]
     assert len(low_ones(Examples(clues, kind)).kind) == 0
 
 
