@@ -20,11 +20,8 @@ from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare_par
 # [m] along x and y, at most, of what may be a column, and of what the model calls one, which may stand at an angle; and
 # its height, at least.
 WIDE, WIDEST, LOWEST = 1.25, 2.0, 1.0
-STEP, CLOSE, ON = (
-    0.02,
-    0.015,
-    0.03,
-)  # [m] between shifts that are tried; off the surface, to tell them apart, and at most
+STEP = 0.02  # [m] between shifts that are tried
+CLOSE, ON = 0.015, 0.03  # [m] off the surface, to tell shifts apart, and at most
 THIN = 0.03  # [m] to which points are thinned
 EXPLAINED = 0.02  # [m] from the surface of something else, within which a point is of that
 ENDS = 0.1  # [m] at foot and head that are left out: floors and ceilings are there
@@ -111,19 +108,32 @@ def shifts_of(
     for one in shown if place else ():
         for row, number in place.items():
             about[row].append(one.of(number).copy())
-    beside = (others or scene).triangles
-    found = {int(row): _shift(scene.triangles, beside, np.concatenate(about[row]), row, most) for row in place}
+    places = _Places(scene.triangles, (others or scene).triangles)
+    found = {int(row): _shift(places, np.concatenate(about[row]), row, most) for row in place}
     return {row: one for row, one in found.items() if one is not None}
 
 
-def _shift(triangles: Triangles, others: Triangles, about: np.ndarray, row: int, most: float) -> Shift | None:
+class _Places:
+    """Where elements are, and where all others are when one of them is looked for; with their bounds."""
+
+    def __init__(self, triangles: Triangles, others: Triangles):
+        self.triangles, self.others = triangles, others
+        self.bounds, self.others_bounds = element_bounds(triangles), element_bounds(others)
+
+    def near(self, row: int) -> np.ndarray:
+        """(E,) bool: other elements about one."""
+        (low, high), (least, greatest) = self.others_bounds, (side[row] for side in self.bounds)
+        near = np.all((high > least - 1.0) & (low < greatest + 1.0), axis=1)
+        near[row] = False
+        return near
+
+
+def _shift(places: _Places, about: np.ndarray, row: int, most: float) -> Shift | None:
     if len(about) < LEAST_POINTS:
         return None
     about = about[thin_clouds([about], THIN)[0]]
-    (low, high), own = element_bounds(others), triangles.vertices[triangles.faces[triangles.element == row]]
-    near = np.all((high > own.min(axis=(0, 1)) - 1.0) & (low < own.max(axis=(0, 1)) + 1.0), axis=1)
-    near[row] = False
-    if (near := near[others.element]).any():
+    triangles, others = places.triangles, places.others
+    if (near := places.near(row)[others.element]).any():
         about = about[clearance(prepare_part(others, near), about, 2.0 * EXPLAINED) > EXPLAINED]
     if len(about) < LEAST_POINTS:
         return None

@@ -20,10 +20,8 @@ from jaxmm.formats.standstill import is_rest, looks_at_rest
 from jaxmm.inputs import InputError, clipped, one_line
 
 ENDINGS = (".bag", ".mcap", ".db3")
-MCAP_START, MCAP_HEAD = (
-    b"\x89MCAP0\r\n\x01",
-    1 << 10,
-)  # magic and kind of the first record; [bytes] that hold its profile
+MCAP_START = b"\x89MCAP0\r\n\x01"  # magic, and the kind of the first record
+MCAP_HEAD = 1 << 10  # [bytes] that hold its profile
 METADATA = "metadata.yaml"  # in the folder of a ROS 2 bag
 EXTRA = "needs the extra ros: pip install 'jaxmm[ros]'"
 MOST_POINTS = 100_000_000  # of all messages together: more do not fit into usual memory

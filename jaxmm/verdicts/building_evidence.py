@@ -12,7 +12,7 @@ from jaxmm.rays.evidence import Frame, View, margins
 from jaxmm.rays.hits import Hits, hits_of
 from jaxmm.rays.noise_model import Noise, noise_of, sigma_at
 from jaxmm.rays.pair_evidence import EVERY, FOOTPRINT, MOST_ANGLE
-from jaxmm.rays.scan_rays import ScanRays, frame_of_rays, measured_points
+from jaxmm.rays.scan_rays import PosedScan, ScanRays, frame_of_rays, measured_points, rays_of_scan
 from jaxmm.rays.tilted_ends import Met, tilted_ends
 from jaxmm.rays.views import Along, view_of_prior, view_of_robot
 from jaxmm.verdicts.floor_levels import levels_at, levels_of
@@ -80,6 +80,11 @@ def surfaces_along(scene: TriangleScene, rays: ScanRays) -> np.ndarray:
         origin = places + direction * BEYOND
         start = origin[None]
     return np.concatenate(found) if found else np.zeros((0, 3), np.float32)
+
+
+def surfaces_for(scene: TriangleScene, scan: PosedScan) -> np.ndarray:
+    """`surfaces_along` the rays of a scan: what it is laid on."""
+    return surfaces_along(scene, rays_of_scan(scan, holes=False))
 
 
 def _between_rings_too(rays: ScanRays) -> np.ndarray:

@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from jaxmm.rays.mirror_images import Mirror, Surfaces, without_images
-from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
-from jaxmm.verdicts.building_evidence import surfaces_along
+from jaxmm.rays.scan_rays import PosedScan
+from jaxmm.verdicts.building_evidence import surfaces_for
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior, distance_from
@@ -56,9 +56,7 @@ def surfaces_of(prior: Prior, scan: PosedScan) -> Surfaces:
 
     if not prior.has_elements:
         return Surfaces(lambda: prior.cloud, distance, lambda _, ends: distance(ends, ON))
-    return Surfaces(
-        lambda: surfaces_along(prior.scene, rays_of_scan(scan, holes=False)), distance, partial(_off, prior.scene)
-    )
+    return Surfaces(partial(surfaces_for, prior.scene, scan), distance, partial(_off, prior.scene))
 
 
 def _off(scene: TriangleScene, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:

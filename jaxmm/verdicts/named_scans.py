@@ -4,6 +4,7 @@ Positions are offsets from the prior's origin, world axes: metres, z up.
 """
 
 import dataclasses
+from functools import partial
 from typing import NamedTuple
 
 from jaxmm.formats.dates import Taken
@@ -11,7 +12,7 @@ from jaxmm.inputs import InputError, Misfit
 from jaxmm.rays.joint_poses import Held
 from jaxmm.rays.range_noise import settled
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
-from jaxmm.verdicts.building_evidence import passed_by, surfaces_along
+from jaxmm.verdicts.building_evidence import passed_by, surfaces_along, surfaces_for
 from jaxmm.verdicts.cloud_comparison import visible
 from jaxmm.verdicts.contradictions import doubts_by_rays
 from jaxmm.verdicts.placement import Placed, hold, place
@@ -66,7 +67,7 @@ def placed_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> Place
             found = place(
                 one.scan, surfaces_along(prior.scene, rays), refine=settings.refine, limits=settings.limits,
                 passed=lambda: passed_by(prior.scene, rays),
-                shown=lambda there: surfaces_along(prior.scene, rays_of_scan(there, holes=False)),
+                shown=partial(surfaces_for, prior.scene),
             )  # fmt: skip
             doubts = doubts_by_rays(prior.scene, found.scan) if settings.preset != "thesis" else ()
             return found._replace(notes=(*found.notes, *doubts))
@@ -108,13 +109,7 @@ def held_scan(prior: Prior, one: NamedScan, laid: tuple[Placed, str], held: Held
             raise Misfit(misfit)
         return placed
     try:
-        found = hold(
-            placed,
-            held,
-            one.scan,
-            lambda there: surfaces_along(prior.scene, rays_of_scan(there, holes=False)),
-            bool(misfit),
-        )
+        found = hold(placed, held, one.scan, partial(surfaces_for, prior.scene), bool(misfit))
         return found._replace(notes=(*found.notes, *doubts_by_rays(prior.scene, found.scan)))
     except Misfit as error:
         raise Misfit(f"{one.file}: {error}") from error

@@ -17,11 +17,11 @@ SUFFIXES = (IFC, ZIPPED)
 MOST_PACKED = 100  # times its size in the archive
 SMALL = 32 << 20  # [bytes] up to which that is not asked
 _ENCRYPTED = 0x1  # flag of a member
-# What zipfile raises of a damaged archive: names that are none, places before the file, packings that it does not know
-# (NotImplementedError) and passwords (RuntimeError).
+# What zipfile raises of a damaged archive: names that are none, places before the file, and, as kinds of RuntimeError,
+# passwords and packings that it does not know.
 _DAMAGE = (
-    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, UnicodeDecodeError, EOFError, OSError,
-    NotImplementedError, RuntimeError, OverflowError,
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, UnicodeDecodeError, EOFError, OSError, RuntimeError,
+    OverflowError,
 )  # fmt: skip
 
 
