@@ -85,6 +85,7 @@ def bits(cases, flags="", before=()):
     return json.loads(done.stdout)
 
 
+@pytest.mark.long
 @pytest.mark.skipif("X86_V3" not in instructions(), reason="AVX2 is for processors of Intel's and AMD's kind")
 def test_steps_are_the_same_bits_with_avx2_alone():
     wide, narrow = bits(CASES[1:]), bits(CASES[1:], "--xla_cpu_max_isa=AVX2")

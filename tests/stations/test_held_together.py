@@ -32,6 +32,7 @@ def scans(tmp_path_factory):
     return folder / "model.ifc", files, poses
 
 
+@pytest.mark.long
 def test_stations_of_a_building_of_which_a_room_was_built_elsewhere(scans):
     model, files, poses = scans
     found = detect(model, files, poses, work=Work(workers=1))
