@@ -1,14 +1,16 @@
-"""IFC files that are valid and hard to read: every body in its place, no other solid, gaps are said."""
+"""IFC files that are hard to read: every body in its place, no other solid, gaps are said; numbers that are none."""
 
 import numpy as np
 import pytest
 
+from tests.cases.valid_ifc import ifc_text
 from warp_scanner.rooms.rooms import RoomConfig, make_rooms
 from warp_scanner.scenes.building import AS_IT_IS, Building, element_bounds
 
 ifcopenshell = pytest.importorskip("ifcopenshell")
 
 from warp_scanner.buildings.ifc_files import parse_ifc, read_ifc  # noqa: E402
+from warp_scanner.buildings.ifc_numbers import beyond_numbers  # noqa: E402
 from warp_scanner.buildings.room_ifc import write_room  # noqa: E402
 
 
@@ -233,3 +235,56 @@ def test_an_element_whose_axes_do_not_tell_its_place_is_named_and_not_put_anywhe
     (failure,) = building.failures
     word = "are parallel" if kind == "parallel" else "axis '1' of its IfcGridPlacement is not straight"
     assert failure.name == "column" and failure.reason.startswith("its place is unknown: ") and word in failure.reason
+
+
+OPENING = (
+    "#31=IFCEXTRUDEDAREASOLID(#30,#90,#13,2000.);\n#90=IFCAXIS2PLACEMENT3D(#11,#13,#91);\n#91=IFCDIRECTION((1.,%s,0.));"
+)
+# The old text, the new, and what is made with it.
+PLACES = {
+    "place of a column": ("IFCCARTESIANPOINT((1000.,2000.,0.))", "IFCCARTESIANPOINT((1000.,%s,0.))", {"column"}),
+    "radius": ("IFCCIRCLEPROFILEDEF(.AREA.,$,#24,150.)", "IFCCIRCLEPROFILEDEF(.AREA.,$,#24,%s)", {"column"}),
+    "corner": ("IFCCARTESIANPOINT((0.,3500.,0.))", "IFCCARTESIANPOINT((0.,%s,0.))", {"wedge"}),
+    "list of corners": ("(0.,900.,0.)", "(0.,%s,0.)", {"pane"}),
+    "hole in a wall": ("#31=IFCEXTRUDEDAREASOLID(#30,#12,#13,2000.);", OPENING, {"wall"}),
+}
+
+
+def lost(tmp_path, old, new):
+    """The names of what has no shape, and why, in the valid file with one bit of text for another."""
+    text = ifc_text("IFC4").decode()
+    assert old in text
+    path = tmp_path / "odd.ifc"
+    path.write_text(text.replace(old, new, 1))
+    building = read_ifc(path)
+    told = {failure.name: failure.reason for failure in building.failures}
+    assert set(building.elements.name) | told.keys() == {"wall", "column", "wedge", "pane"}
+    return told
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("number", ["-inf", "INF", "-nan(ind)", "1E308"])
+def test_what_is_no_number_costs_what_is_made_with_it(tmp_path, place, number):
+    old, new, hit = PLACES[place]
+    told = lost(tmp_path, old, new % number)
+    assert told.keys() == hit and all("a number that is infinite or none" in why for why in told.values())
+
+
+@pytest.mark.parametrize("radius, fails", [("1.E7", False), ("1.E9", True), ("4294967295.", True), ("1.E30", True)])
+def test_no_circle_is_as_wide_as_a_country(tmp_path, radius, fails):
+    told = lost(tmp_path, "#24,150.)", f"#24,{radius})")
+    assert ("column" in told) == fails and (not fails or "radius" in told["column"])
+
+
+def test_what_all_stand_on_is_told_of_the_file(tmp_path):
+    path = tmp_path / "odd.ifc"
+    path.write_bytes(ifc_text("IFC2X3").replace(b"#14=IFCDIRECTION((1.,0.,0.))", b"#14=IFCDIRECTION((1.,-inf,0.))"))
+    with pytest.raises(ValueError, match=r"odd\.ifc: expected a building with surfaces.*#14, IfcDirection"):
+        read_ifc(path)
+
+
+@pytest.mark.parametrize("name", ["IPE200", "-inf", "(inf", "1E400", "a;b(nan,"])
+def test_names_may_hold_anything(tmp_path, name):
+    path = tmp_path / "named.ifc"
+    path.write_text(ifc_text("IFC4").decode().replace(".AREA.,$", f".AREA.,'{name}'"))
+    assert not beyond_numbers(path, ifcopenshell.open(path), 0.001)

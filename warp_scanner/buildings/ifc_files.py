@@ -12,6 +12,7 @@ import contextlib
 import itertools
 import re
 from collections import Counter
+from collections.abc import Container
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ from warp_scanner.buildings.ifc_bodies import keep_bodies
 from warp_scanner.buildings.ifc_grids import place_by_grids
 from warp_scanner.buildings.ifc_maps import to_map
 from warp_scanner.buildings.ifc_model import check_installed, check_text, identity_of, open_model, unit_scale
+from warp_scanner.buildings.ifc_numbers import beyond_numbers
 from warp_scanner.buildings.ifc_wholes import owner_of, put_together, wholes_of
 from warp_scanner.buildings.ifc_zips import plain_file
 from warp_scanner.guarded import Plain
@@ -140,8 +142,8 @@ def parse_ifc(path: Path, options: ReadOptions) -> Building:
 def _building(path: Path, options: ReadOptions) -> Building:
     model, notes = open_model(path)
     unit = unit_scale(model, path)
-    shapeless = place_by_grids(model)
-    storeys, rows = _storeys(model, unit)
+    shapeless = place_by_grids(model) | beyond_numbers(path, model, unit)
+    storeys, rows = _storeys(model, unit, shapeless)
     products, left_out = _products(model)
     guids, repeated = _unique_guids(products)
     represented = [product for product in products if product.Representation]
@@ -240,13 +242,13 @@ def _part(owner: Any, shapes: list[_Shape], rows: dict[int, int], options: ReadO
     return Part(*named, _storey_of(owner, rows), semantic, vertices, faces, clear)
 
 
-def _storeys(model: Any, scale: float) -> tuple[Storeys, dict[int, int]]:
+def _storeys(model: Any, scale: float, placeless: Container[int]) -> tuple[Storeys, dict[int, int]]:
     """The storeys from the lowest up, and the row of each STEP id."""
     from ifcopenshell.util.placement import get_local_placement
 
     def elevation(storey: Any) -> float:
         # The placement is where things really stand; the attribute is a remark that some files get wrong.
-        if storey.ObjectPlacement:
+        if storey.ObjectPlacement and storey.id() not in placeless:
             return float(get_local_placement(storey.ObjectPlacement)[2, 3]) * scale
         return float(storey.Elevation or 0.0) * scale
 

@@ -1,0 +1,99 @@
+"""Finds what an IFC file gives numbers that its library cannot take: infinite ones, and circles as wide as a country.
+
+The library asks nothing of numbers. A direction of `-inf`, which is none in STEP but which its parser takes, keeps it
+computing without end; an `inf` without a sign is left out, so that a point of three numbers becomes one of two; and a
+circle gets corners by its radius, some hundred thousand at 1,000 km, which takes minutes to triangulate.
+"""
+
+import mmap
+import re
+from pathlib import Path
+from typing import Any
+
+_WIDEST = 1e5  # [m] radius that a curve may have
+# What stands where a number should, and exponents beyond 99, whose squares are infinite.
+_NO_NUMBER = re.compile(rb"(?:(?<=[(,+-])(?:inf|nan)[a-z()]{0,7}|(?<=[\d.])e\+?\d{3,})(?=\s*[,)])", re.IGNORECASE)
+_STATEMENT = re.compile(rb"\s*#\s*(\d{1,9})\s*=")
+# Names that a version of the schema lacks match nothing.
+_ROUND = {
+    "IfcCircle": ("Radius",), "IfcEllipse": ("SemiAxis1", "SemiAxis2"), "IfcCircleProfileDef": ("Radius",),
+    "IfcEllipseProfileDef": ("SemiAxis1", "SemiAxis2"), "IfcSweptDiskSolid": ("Radius",), "IfcSphere": ("Radius",),
+    "IfcRightCircularCylinder": ("Radius",), "IfcRightCircularCone": ("BottomRadius",),
+    "IfcCylindricalSurface": ("Radius",), "IfcSphericalSurface": ("Radius",),
+    "IfcToroidalSurface": ("MajorRadius", "MinorRadius"),
+}  # fmt: skip
+_GEOMETRY = ("IfcRepresentationItem", "IfcProfileDef", "IfcObjectPlacement")
+# What leads from a number to the products that are made with it.
+_CARRIERS = (*_GEOMETRY, "IfcRepresentation", "IfcRepresentationMap", "IfcRepresentationContext",
+             "IfcProductRepresentation")  # fmt: skip
+
+
+def beyond_numbers(path: Path, model: Any, unit: float) -> dict[int, str]:
+    """For each product whose shape or place holds such a number, by STEP id, the reason.
+
+    Args:
+        path: the STEP text.
+        model: the same, parsed.
+        unit: [m] of a length in it.
+    """
+    reasons: dict[int, str] = {}
+    for item, why in (*_without_number(path, model), *_too_wide(model, unit)):
+        for product in _made_with(model, item):
+            reasons.setdefault(product.id(), why)
+    return reasons
+
+
+def _without_number(path: Path, model: Any) -> list[tuple[Any, str]]:
+    found = {}
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
+        for odd in _NO_NUMBER.finditer(text):
+            # Only what hits a bit of geometry is asked for the statement that it stands in: names may hold anything.
+            statement = _STATEMENT.match(text, text.rfind(b";", 0, odd.start()) + 1)
+            item = _by_id(model, int(statement[1])) if statement else None
+            if item is not None and any(map(item.is_a, _GEOMETRY)):
+                found[item.id()] = (item, f"#{item.id()}, {item.is_a()}, has a number that is infinite or none")
+    return list(found.values())
+
+
+def _too_wide(model: Any, unit: float) -> list[tuple[Any, str]]:
+    found = []
+    for name, attributes in _ROUND.items():
+        try:
+            items = model.by_type(name)
+        except RuntimeError:
+            continue
+        for item in items:
+            widest = max((getattr(item, attribute) or 0.0 for attribute in attributes), default=0.0) * unit
+            if widest > _WIDEST:
+                why = f"#{item.id()}, {item.is_a()}, has a radius of {widest:.3g} m, expected at most {_WIDEST:g} m"
+                found.append((item, why))
+    return found
+
+
+def _by_id(model: Any, number: int) -> Any:
+    try:
+        return model.by_id(number)
+    except RuntimeError:
+        return None
+
+
+def _made_with(model: Any, item: Any) -> list[Any]:
+    """The products whose shape or place an item is part of; what is cut or added to by such a product is one, too."""
+    products, seen, left = [], {item.id()}, [item]
+    while left:
+        for user in model.get_inverse(left.pop()):
+            if user.id() in seen:
+                continue
+            if user.is_a("IfcProduct"):
+                products.append(user)
+            elif user.is_a("IfcRelVoidsElement"):
+                products += filter(None, [user.RelatingBuildingElement])
+                continue
+            elif user.is_a("IfcRelProjectsElement"):
+                products += filter(None, [user.RelatingElement])
+                continue
+            elif not any(map(user.is_a, _CARRIERS)):
+                continue
+            seen.add(user.id())
+            left.append(user)
+    return products
