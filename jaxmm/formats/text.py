@@ -1,7 +1,8 @@
 """Scans as text: CSV (`;`, `,` or tabs) with or without a header that names X, Y and Z, XYZ and PTS split by blanks.
 
 Lines that begin with # or // may stand before the points, and so may a line that holds their number alone. Behind so
-many points another number may begin another scan, as in PTS files.
+many points another number may begin another scan, as in PTS files. A first column that counts the points is none of X,
+Y and Z.
 
 NumPy parses about a million lines in one to two seconds, the fastest of all ways at hand (its fromstring, Python's
 float and split take longer); in blocks, as the lines of 50 million points take more memory than the points.
@@ -21,6 +22,7 @@ from jaxmm.formats.text_header import (
     UNKNOWN,
     UTF_8,
     WINDOWS,
+    counts_points,
     encoding_of,
     fields_of,
     is_count,
@@ -31,6 +33,8 @@ from jaxmm.formats.text_header import (
 )
 from jaxmm.inputs import InputError, one_line
 
+AHEAD = 100  # rows behind the first that tell whether a column counts them
+NUMBERED = "its first column counts the points: X, Y and Z were taken from the three behind it"
 DECIMAL_POINT = "expected numbers with a decimal point, got decimal commas"
 
 
@@ -81,18 +85,21 @@ def _read(path: Path, encoding: str) -> list[RawScan]:
         with open(path, encoding=encoding) as file:
             start = start_of(file)
             delimiter, names = start.delimiter, start.names()
-            columns = named_axes(names) if start.header else [0, 1, 2]
+            rows_ahead = [start.row, *itertools.islice(file, AHEAD)]
+            numbered = not start.header and counts_points(rows_ahead, delimiter)
+            columns = named_axes(names) if start.header else [1, 2, 3] if numbered else [0, 1, 2]
             if columns is None:
                 raise InputError(f"{path}: expected columns X, Y and Z once each, got {', '.join(names)[:200]}")
             commas = _has_decimal_commas(start.row, delimiter, columns)
             if commas and delimiter == ",":  # within quotes
                 raise InputError(f"{path}: {DECIMAL_POINT}: {start.row.strip()[:80]}")
             _check_first(path, start.row.replace(",", ".") if commas else start.row, delimiter, names or None)
-            lines = filter(str.strip, itertools.chain([start.row], file))  # empty lines do not count
+            lines = filter(str.strip, itertools.chain(rows_ahead, file))  # empty lines do not count
             if commas:
                 lines = (line.replace(",", ".") for line in lines)
             how = {"delimiter": delimiter, "usecols": columns, "quotechar": '"' if '"' in start.row else None}
             told = ("its decimal commas were read as points",) if commas else ()
+            told += (NUMBERED,) if numbered else ()
             found = [one._replace(remarks=told) for one in _clouds(path, lines, start.count, **how)]
         found[-1] = found[-1]._replace(remarks=(*told, *remarks_on_end(path)))
         return found
@@ -145,6 +152,8 @@ def _check_first(path: Path, line: str, delimiter: str | None, names: list[str] 
         if len(fields) < 3 or not all(map(_is_number, fields[:3])):
             found, missing = ", ".join(fields), missing_axis(fields)
             told = f": {missing} is missing" if missing else ""
+            if len(fields) > 3 and not _is_number(fields[0]) and all(map(_is_number, fields[1:4])):
+                told = ": its first column holds names; a first line that names the columns tells which are X, Y and Z"
             raise InputError(f"{path}: expected columns X, Y and Z, got {found[:200] or 'none'}{told}")
         return
     wanted = len(names) - (names[-1:] == [""])  # a line may end in a delimiter

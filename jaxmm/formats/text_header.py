@@ -4,6 +4,7 @@ Surveyors' programs name columns in their language, and write decimal commas whe
 """
 
 import csv
+import itertools
 import re
 import unicodedata
 from pathlib import Path
@@ -31,6 +32,7 @@ NAMES = (
 # What a name says besides its axis.
 BESIDE = re.compile(r"koordinaten?|coordonnees?|coordinates?|coords?|koord|achse|axis|wert")
 UNITS = re.compile(r"\((?:mm|cm|m|ft|in)\)|\[(?:mm|cm|m|ft|in)\]")
+FRACTION = re.compile(r"[+-]?\d*[.,]\d*(?:[eE][+-]?\d+)?")
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 
 
@@ -142,6 +144,16 @@ def is_count(line: str) -> bool:
     """Whether a line holds a number of points and nothing else."""
     bare = line.strip()
     return bare.isascii() and bare.isdigit()
+
+
+def counts_points(lines: list[str], delimiter: str | None) -> bool:
+    """Whether the first of four columns or more, without names, counts the points: whole, rising, beside fractions."""
+    table = [fields_of(line, delimiter)[:4] for line in lines if line.strip() and not is_count(line)]
+    if len(table) < 2 or any(len(row) < 4 or not is_count(row[0]) for row in table):
+        return False
+    numbers = [int(row[0][:MOST_DIGITS]) for row in table]
+    fractions = sum(all(FRACTION.fullmatch(row[axis]) for row in table) for axis in (1, 2, 3))
+    return fractions >= 2 and all(a < b for a, b in itertools.pairwise(numbers))
 
 
 def delimiter_of(line: str) -> str | None:

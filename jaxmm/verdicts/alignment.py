@@ -24,6 +24,7 @@ SURE = 0.8  # share of points on the prior, from which no other way to read it i
 ON_A_MAP, TALL_ROOM = 5000.0, 50.0  # [m] a scan so far away is on a map grid; so high, it is in a small unit
 FAR_FROM_FILE = 0.5  # [m] from which on a given pose contradicts that of the file
 ON_GRID = "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
+SPANS = 100.0  # spans of a scan that it lies away, from which on no unit explains it
 EVERY = 100  # points, of which one tells the middle of all
 STOREY = 3.0  # [m] about as high as scans are
 Y_UP = (".glb", ".gltf")  # by their standard
@@ -104,13 +105,16 @@ def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
     places = prior.cloud if prior.building is None else prior.building.triangles.vertices
     points = scan.carry(scan.thin)
     away = float(np.abs(np.median(points, axis=0) - prior.origin - np.median(places, axis=0)).max())
-    if away < ON_A_MAP or height(points) > TALL_ROOM:
+    tall = height(points) > TALL_ROOM
+    # In millimetres a room is tall and far away, but no further than some times its own span.
+    if away < ON_A_MAP or (tall and away < SPANS * np.ptp(points, axis=0).max()):
         return "check that both are in one frame (--frame), and their units (--unit, --prior-unit) and axes (--up)"
     why = ""
     if prior.file is not None and prior.file.kind == "ifc":
         leads = "" if grid is None else ", ".join(f"{value:.2f}" for value in grid.shift)
         why = "; the prior has no IfcMapConversion" if grid is None else f"; its IfcMapConversion leads to {leads} m"
-    return f"it is {away:.0f} m away, as on a map grid: bring both into one frame{why}"
+    high = f"; it is {height(points):.0f} m high: check its unit (--unit), too" if tall else ""
+    return f"it is {away:.0f} m away, as on a map grid: bring both into one frame{why}{high}"
 
 
 def _compared(laid: LaidScan, stated: np.ndarray | None, in_world: bool) -> LaidScan:

@@ -185,3 +185,28 @@ def test_columns_of_which_nobody_knows_what_they_are(tmp_path, header):
     (tmp_path / "a.csv").write_text(f"{header}\n{row}\n{row}\n", encoding="utf-8")
     with pytest.raises(InputError, match="columns X, Y and Z"):
         read_scans(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("split, start", [(" ", ""), (",", ""), (";", "300\n"), ("\t", "# made by\n")])
+@pytest.mark.parametrize("step", [1, 7])
+def test_a_first_column_that_counts_the_points_is_no_coordinate(tmp_path, split, start, step):
+    rows = (split.join([str(5 + step * row), *map(str, point), "40"]) for row, point in enumerate(NATIONAL))
+    (tmp_path / "a.txt").write_text(start + "\n".join(rows) + "\n")
+    (found,) = read_scans(tmp_path / "a.txt")
+    np.testing.assert_array_equal(found.points, NATIONAL)
+    assert any("its first column counts the points" in told for told in found.remarks)
+
+
+def test_whole_numbers_may_be_coordinates(tmp_path):
+    """Rising ones beside whole ones, and fractions that do not rise with them in every row, are X."""
+    for rows in ([[1, 2, 3, 4], [2, 5, 7, 4], [3, 9, 9, 4]], [[1, 2.5, 3.5, 4], [2, 5.5, 7.5, 4], [2, 9.5, 9.5, 4]]):
+        (tmp_path / "a.xyz").write_text("".join(" ".join(map(str, row)) + "\n" for row in rows))
+        (found,) = read_scans(tmp_path / "a.xyz")
+        np.testing.assert_array_equal(found.points, np.array(rows)[:, :3])
+        assert not found.remarks
+
+
+def test_a_first_column_of_names_is_told(tmp_path):
+    (tmp_path / "a.txt").write_text("P1 1.0 2.0 3.0\nP2 1.5 2.5 3.0\n")
+    with pytest.raises(InputError, match="its first column holds names; a first line that names the columns"):
+        read_scans(tmp_path / "a.txt")

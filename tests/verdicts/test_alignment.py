@@ -133,6 +133,15 @@ def test_a_scan_on_another_grid_is_told_how_far_it_is(room, tmp_path, kind):
     )
 
 
+def test_what_is_as_high_as_a_hill_may_be_on_a_map_too(room):
+    hill = plain(room[1] * 30.0 + [155_000.0, 463_000.0, 0.0])
+    with pytest.raises(InputError, match=r"it is 46\d{4} m away, as on a map grid.* it is \d\d m high: check its unit"):
+        lay(prior_of_cloud(room[1]), own_scan(hill, None, "world"), None)
+    millimetres = plain(room[1] * 1000.0 + [9_000.0, 0.0, 60_000.0])
+    with pytest.raises(InputError, match=r"check that both are in one frame"):
+        lay(prior_of_cloud(room[1]), own_scan(millimetres, None, "world"), None)
+
+
 def test_how_far_a_scan_is_counts_from_where_its_pose_takes_it(room):
     """Points of a sensor's frame are near zero, wherever it stood; millimetres are far from it, and no map."""
     grid = np.array([155_000.0, 463_000.0, 0.0])
