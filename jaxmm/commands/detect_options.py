@@ -137,7 +137,7 @@ def _detect(options: argparse.Namespace) -> None:
 
     from jaxmm.commands import detect_files  # takes seconds: what is wrong with the words above is said before
     from jaxmm.reports.drawing_process import drawing_beside
-    from jaxmm.reports.plain_files import sentences_of
+    from jaxmm.reports.plain_files import doubts_in_short, sentences_of
     from jaxmm.verdicts.settings import load_settings
     from jaxmm.weights import DEFAULT
 
@@ -163,6 +163,8 @@ def _detect(options: argparse.Namespace) -> None:
     work.clear()
     for line in (*said, *sentences_of(detection), detection.summary()):
         print(line)
+    if doubt := doubts_in_short(detection.doubts):  # told above, perhaps many lines ago
+        print(f"in doubt: {doubt}")
     print(f"reports: {options.out}")
 
 

@@ -57,7 +57,7 @@ def model_as_built(
     """
     from ifcopenshell.util.unit import calculate_unit_scale
 
-    original, draft = open_draft(prior)
+    original, draft = open_draft(prior, None, detection.date)
     unit = float(calculate_unit_scale(draft.model))
     moves, notes = _Moves(draft), []
     products: dict[str, list[Any]] = {}

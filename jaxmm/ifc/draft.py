@@ -109,8 +109,8 @@ class Draft:
         return self._history
 
 
-def open_draft(prior: Path, when: datetime | None = None) -> tuple[bytes, Draft]:
-    """The text of an IFC file, unpacked, and its model to edit; `when` is now unless it is given.
+def open_draft(prior: Path, when: datetime | None, date: str | None) -> tuple[bytes, Draft]:
+    """The text of an IFC file, unpacked, and its model to edit; of the time `when`, else `date` (ISO 8601), else now.
 
     Raises:
         InputError: it cannot be read.
@@ -125,7 +125,8 @@ def open_draft(prior: Path, when: datetime | None = None) -> tuple[bytes, Draft]
         raise InputError(f"{prior}: cannot be read: {error.strerror}") from error
     except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
         raise InputError(f"{prior}: not a readable IFC file: {one_line(error)}") from error
-    return original, Draft(ifcopenshell, model, sha256(original), when or datetime.now(UTC))
+    when = when or (datetime.fromisoformat(date) if date else datetime.now(UTC))
+    return original, Draft(ifcopenshell, model, sha256(original), when)
 
 
 def _line(entity: Any) -> bytes:

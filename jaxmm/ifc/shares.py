@@ -24,6 +24,7 @@ class Share(NamedTuple):
     scans: tuple[ScanRecord, ...]
     doubts: tuple[str, ...]
     drawing: Drawing  # as the detection has it, in the world
+    date: str | None  # of the scans
 
 
 def share_of(detection: Detection, source: Source, added: dict[int, str]) -> Share:
@@ -47,7 +48,8 @@ def share_of(detection: Detection, source: Source, added: dict[int, str]) -> Sha
             pieces = tuple(each.key for each in here[1:])
             one = one._replace(element=here[0].guid, file=here[0].file, pieces=pieces) if here else other
         mismatches.append(one)
-    return Share(tuple(mismatches), tuple(own.values()), detection.scans, detection.doubts, detection.drawing)
+    told = detection.scans, detection.doubts, detection.drawing, detection.date
+    return Share(tuple(mismatches), tuple(own.values()), *told)
 
 
 def in_own_frame(share: Share, to_world: np.ndarray) -> Share:

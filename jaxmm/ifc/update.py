@@ -53,8 +53,8 @@ def write_update(
         apply: delete removed elements instead of marking them, unless a part of them may stand, or a scan may be of
             another place or pose. Doors, windows and coverings that hung on them stay, are marked, and named in the
             notes.
-        when: the date that is written, UTC where it names no zone; None for now. With it, the same input gives the
-            same bytes.
+        when: the date that is written, UTC where it names no zone; None for that of the detection, or else now. With
+            a date, the same input gives the same bytes.
 
     Raises:
         InputError: `prior` cannot be read or edited, or is the very file that would be written.
@@ -72,7 +72,7 @@ def edited_model(
     prior: Path, detection: Detection | Share, *, apply: bool = False, when: datetime | None = None
 ) -> tuple[tuple[bytes, bytes, list[Edit]], tuple]:
     """What `write_update` writes: the text of the file, the same edited, and the edits; and the rest of its summary."""
-    original, draft = open_draft(prior, when)
+    original, draft = open_draft(prior, when, detection.date)
     update = _Update(draft, detection)
     if apply and detection.doubts:
         apply = False

@@ -6,7 +6,7 @@ World frame of the prior, metres, z up; angles in degrees. Every file is written
 import csv
 import io
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,7 @@ POSITION = ("x [m]", "y [m]", "z [m]")
 MISMATCH_COLUMNS = (
     "number", "mismatch_type", "object_type", "shape", *(f"center_{name}" for name in POSITION),
     *(f"dimension_{name}" for name in POSITION), "rotation [deg]", "probability", "observable_fraction", "element",
-    "moved_from", "measured", "type_probability", "file",
+    "moved_from", "measured", "type_probability", "file", "in_doubt",
 )  # fmt: skip
 DEVIATION_COLUMNS = (
     *(f"offset_{axis}{end} [m]" for axis in "xyz" for end in ("", "_low", "_high")),
@@ -46,7 +46,7 @@ WORST_COLUMNS = ("guid", "ifc_class", "name", "storey", "verdict", "in_words", *
 ELEMENT_COLUMNS = (
     "guid", "ifc_class", "name", "storey", "verdict", "probability_removed", "prior_points",
     *(f"rays_{name}" for name in FRACTIONS), *(f"next_view_{name}" for name in POSITION), "next_view_yaw [deg]",
-    "next_view_pitch [deg]", *DEVIATION_COLUMNS, "file", "same_as", "parts_gone",
+    "next_view_pitch [deg]", *DEVIATION_COLUMNS, "file", "same_as", "parts_gone", "parts", "part_of",
 )  # fmt: skip
 UNEXPLAINED_COLUMNS = (
     "number", *(f"center_{name}" for name in POSITION), *(f"dimension_{name}" for name in POSITION), "rotation [deg]",
@@ -69,7 +69,7 @@ def write_plain(folder: Path, detection: Detection) -> None:
     doubts = (" ".join(printable(doubt).split()) for doubt in detection.doubts)
     lines = (*(f"In doubt: {doubt}" for doubt in doubts), *sentences_of(detection))
     write_text(folder / "sentences.txt", "".join(f"{line}\n" for line in lines))
-    write_csv(folder / "mismatches.csv", mismatches_csv(detection.mismatches))
+    write_csv(folder / "mismatches.csv", mismatches_csv(detection.mismatches, detection.doubts))
     write_csv(folder / "elements.csv", elements_csv(detection.elements))
     write_csv(folder / "deviations.csv", deviations_csv(detection.elements))
     write_csv(folder / "unexplained.csv", unexplained_csv(detection.unexplained))
@@ -77,22 +77,23 @@ def write_plain(folder: Path, detection: Detection) -> None:
     write_points(folder / "points.ply", detection)
 
 
-def mismatches_csv(mismatches: Iterable[Mismatch]) -> str:
+def mismatches_csv(mismatches: Iterable[Mismatch], doubts: Sequence[str] = ()) -> str:
     """A row for each mismatch: RFC 4180, units in the header, an empty cell where nothing is known.
 
     `number` counts from 1, as in report.md and the figures, and `moved_from` is such a number; `measured` names
     the dimensions that are seen from end to end, or the model's own, as "x z", or "none": all others are assumed;
-    `type_probability`, whether a real object is of this type. Text that begins with
-    =, +, -, @, a tab or a line break gets a leading apostrophe: spreadsheets would run it as a formula.
+    `type_probability`, whether a real object is of this type; `in_doubt`, in every row, the first of the `doubts`
+    whether a scan is of this place and pose, and how many more there are. Text that begins with =, +, -, @, a tab or a
+    line break gets a leading apostrophe: spreadsheets would run it as a formula.
     """
-    rows = []
+    rows, told = [], doubts_in_short(doubts)
     for number, one in enumerate(mismatches, 1):
         origin = None if one.moved_from is None else one.moved_from + 1
         rows.append([
             number, one.mismatch_type, one.object_type, one.shape, *map(float, one.center),
             *map(float, one.dimensions), float(one.rotation), told_probability(one.probability),
             one.observable_fraction, one.element, origin, _axes(one.measured),
-            None if one.type_probability is None else told_probability(one.type_probability), one.file,
+            None if one.type_probability is None else told_probability(one.type_probability), one.file, told,
         ])  # fmt: skip
     return as_csv(MISMATCH_COLUMNS, rows)
 
@@ -104,21 +105,30 @@ def _axes(seen: Iterable[bool]) -> str:
 def elements_csv(elements: Iterable[ElementVerdict]) -> str:
     """A row for each element that has a verdict, in the manner of `mismatches_csv`.
 
-    `same_as` names those of other files that are the same, `parts_gone` its removed parts, a `;` between two.
+    `same_as` names those of other files that are the same, `parts` what it is put together from, or another file has it
+    in, `parts_gone` of these the removed ones, `part_of` its wholes; a `;` between two.
     """
     rows = []
     for one in elements:
         rows.append([
             one.guid, one.ifc_class, one.name, one.storey, one.verdict, told_probability(one.probability), one.points,
             *one.rays, *(one.next_view or [None] * 5), *_deviation(one.deviation), one.file,
-            listed_keys(one.same_as), listed_keys(one.parts_gone),
+            *map(listed_keys, (one.same_as, one.parts_gone, one.parts, one.part_of)),
         ])  # fmt: skip
     return as_csv(ELEMENT_COLUMNS, rows)
 
 
+def doubts_in_short(doubts: Sequence[str]) -> str | None:
+    """The first doubt on one line, and how many more there are; None where there is none."""
+    if not doubts:
+        return None
+    more = f" (and {len(doubts) - 1} more: see report.md)" if len(doubts) > 1 else ""
+    return " ".join(printable(doubts[0]).split()) + more
+
+
 def listed_keys(keys: Iterable[tuple[str, str]]) -> str | None:
     """Elements by file and GlobalId, as one cell; None where there are none."""
-    return "; ".join(f"{guid} of {file}" for file, guid in keys) or None
+    return "; ".join(f"{guid} of {file}" if file else guid for file, guid in keys) or None
 
 
 def deviations_csv(elements: Iterable[ElementVerdict]) -> str:

@@ -261,7 +261,9 @@ def test_nothing_is_deleted_while_points_contradict_their_pose(room, tmp_path, c
         arguments = [case.ifc, tmp_path / "a.npy", pose, "--sensor", "oak-d-pro-small", "--no-refine", "--apply"]
         assert cli.main(["detect", *map(str, arguments), "--out", str(out)]) == 0
         told = load_json(out / "report.json")["scans"][0]
-        assert told["doubted"] == bool(turn) == ("marked, not deleted" in capsys.readouterr().out)
+        said = capsys.readouterr().out
+        assert told["doubted"] == bool(turn) == ("marked, not deleted" in said)
+        assert said.splitlines()[-2].startswith("in doubt: ") == bool(turn)
         assert any("outside the sensor's view" in note for note in told["notes"]) == bool(turn)
 
 

@@ -321,6 +321,9 @@ def test_the_same_input_gives_the_same_bytes(room, tmp_path):
         digests.add(hashlib.sha256((tmp_path / str(number) / "updated.ifc").read_bytes()).hexdigest())
     write_update(room, found(removed(wall), ADDED_WALL), tmp_path / "naive", when=WHEN.replace(tzinfo=None))
     digests.add(hashlib.sha256((tmp_path / "naive" / "updated.ifc").read_bytes()).hexdigest())
+    dated = found(removed(wall), ADDED_WALL)._replace(date="2026-03-04T05:06:07")
+    write_update(room, dated, tmp_path / "dated")  # of the day of the scans, not of the run
+    digests.add(hashlib.sha256((tmp_path / "dated" / "updated.ifc").read_bytes()).hexdigest())
     assert len(digests) == 1
 
 

@@ -46,6 +46,8 @@ def test_doubts_stand_first_in_the_sentences_a_line_each(removed, tmp_path):
     doubts, sentences = lines[: len(doubted.doubts)], lines[len(doubted.doubts) :]
     assert len(doubts) >= 2 and all(line.startswith("In doubt: ") for line in doubts)
     assert doubts[1].endswith("was it?") and sentences == list(removed.sentences)
+    told = {row["in_doubt"] for row in rows_of((tmp_path / "mismatches.csv").read_bytes().decode())}
+    assert told == {f"{doubts[0].removeprefix('In doubt: ')} (and {len(doubts) - 1} more: see report.md)"}
 
 
 def test_whatever_was_found_can_be_written(tmp_path):
@@ -79,6 +81,16 @@ def test_a_moved_object_names_the_number_that_it_was():
 def test_what_is_not_known_is_an_empty_cell():
     (row,) = rows_of(mismatches_csv([Mismatch("wall", "added", np.full(3, np.nan), np.ones(3), np.inf, 0.5)]))
     assert [row[name] for name in ("center_x [m]", "rotation [deg]", "element", "observable_fraction")] == [""] * 4
+
+
+def test_the_csv_of_elements_names_parts_and_wholes():
+    whole, part, _ = named("abc")
+    keys = ("a.ifc", "b"), ("", "c")
+    told = [whole._replace(parts=keys, parts_gone=keys[1:]), part._replace(part_of=keys[:1])]
+    first, second = rows_of(elements_csv(told))
+    names = ("parts", "parts_gone", "part_of")
+    assert [first[name] for name in names] == ["b of a.ifc; c", "c", ""]
+    assert [second[name] for name in names] == ["", "", "b of a.ifc"]
 
 
 def test_names_survive_in_the_csv_and_none_is_a_formula():
