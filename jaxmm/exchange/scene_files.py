@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxmm.exchange.scenes import Scene, Truth
-from jaxmm.exchange.tasks import TEST, Task
+from jaxmm.exchange.tasks import SPLITS, TEST, Task
 from jaxmm.files import load_arrays, load_json, write_arrays, write_atomically, write_folder, write_json
 from jaxmm.formats.ply_header import read_header
 from jaxmm.inputs import InputError
@@ -96,10 +96,24 @@ def scene_names(folder: Path, split: str) -> list[str]:
     Raises:
         InputError: there are none.
     """
-    names = sorted(path.parent.name for path in (folder / split).glob(f"*/{SCENE}"))
-    if not names:
-        raise InputError(f"{folder}: expected a folder of jaxmm benchmark export with scenes in {split}, found none")
-    return names
+    if names := _names(folder, split):
+        return names
+    others = [f"--split {other} has {count}" for other in SPLITS if (count := len(_names(folder, other)))]
+    told = f"; {', '.join(others)}" if others else ""
+    raise InputError(
+        f"{folder}: expected a folder of jaxmm benchmark export with scenes of the split {split}, found none{told}"
+    )
+
+
+def split_of(folder: Path, predictions: Path, split: str) -> str:
+    """Which split each scene has a file in a folder of predictions of, if it is not the one asked for; else empty."""
+    told = {path.stem for path in predictions.iterdir()}
+    whole = [one for one in SPLITS if (names := _names(folder, one)) and told.issuperset(names)]
+    return "" if split in whole or not whole else whole[0]
+
+
+def _names(folder: Path, split: str) -> list[str]:
+    return sorted(path.parent.name for path in (folder / split).glob(f"*/{SCENE}"))
 
 
 def read_about(folder: Path, split: str, name: str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxmm.exchange.object_scores import Found, average_precision, objects_found, precision_recall
 from jaxmm.exchange.predictions import ELEMENTS, OBJECTS, POINTS, Prediction, read_prediction
-from jaxmm.exchange.scene_files import read_about, read_truth, scene_names
+from jaxmm.exchange.scene_files import read_about, read_truth, scene_names, split_of
 from jaxmm.exchange.scenes import SAME, UNOBSERVABLE, Truth
 from jaxmm.exchange.tasks import TEST
 from jaxmm.inputs import InputError
@@ -57,6 +57,10 @@ def score(folder: Path, predictions: Path, split: str = TEST, truth: Path | None
     names = scene_names(folder, split)
     if not predictions.is_dir():
         raise InputError(f"{predictions}: expected a folder of predictions, one file a scene, found none")
+    if other := split_of(folder, predictions, split):
+        raise InputError(
+            f"{predictions}: expected predictions for the split {split}, found those for {other}: say --split {other}"
+        )
     known = read_truth(folder, split, names, truth or Path())
     scenes = []
     for name in names:

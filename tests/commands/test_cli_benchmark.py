@@ -70,6 +70,19 @@ def test_missing_and_ill_formed_predictions_name_scene_and_column(place, refused
     assert not (tmp_path / "new").exists()
 
 
+def test_a_split_that_is_not_there_or_not_meant_names_the_one_that_is(place, refused, tmp_path):
+    refused(
+        ["benchmark", "score", place / "scenes", place / "predictions"],
+        "found those for validation: say --split validation",
+    )
+    shutil.copytree(place / "scenes", tmp_path / "scenes")
+    shutil.rmtree(tmp_path / "scenes" / "test")
+    refused(
+        ["benchmark", "score", tmp_path / "scenes", place / "predictions"],
+        "scenes of the split test, found none; --split train has 6, --split validation has 2",
+    )
+
+
 def test_both_steps_have_help_with_an_example_that_parses(capsys):
     for step in ("export", "score"):
         with pytest.raises(SystemExit) as end:
