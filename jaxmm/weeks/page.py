@@ -78,7 +78,7 @@ def page_data(progress: Progress, outlines: Outlines) -> dict[str, Any]:
 def _element(one: Followed, progress: Progress) -> dict[str, Any]:
     due = due_of(one, progress)
     return {
-        "guid": printable(one.latest.guid), "name": printable(one.latest.name),
+        "guid": printable(one.latest.guid), "name": printable(one.latest.name), "file": printable(one.latest.file),
         "class": printable(one.latest.ifc_class), "storey": printable(storey_of(one)),
         "states": [STATES.index(moment.state) for moment in one.moments],
         "became": {week: became for week, _, became in one.told_changes},

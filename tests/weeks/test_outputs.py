@@ -154,6 +154,7 @@ def test_the_page_allows_its_own_script_alone_and_loads_nothing(out):
 def test_the_page_holds_every_week(four):
     data = page_data(four, outlines_of(four))
     assert [one["label"] for one in data["weeks"]] == list(DATES) and len(data["colours"]) == 4
+    assert [(one["file"], one["guid"]) for one in data["elements"]] == [one.key for one in four.elements]
     for one in data["elements"]:
         assert tuple(data["states"][state] for state in one["states"]) == STATES[one["name"]]
         assert one["told"] == "".join(str(int(letter in "pdr")) for letter in SEEN[one["name"]])

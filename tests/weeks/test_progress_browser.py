@@ -72,6 +72,8 @@ def test_the_slider_shows_every_week(driver, tmp_path):
         "[...document.querySelectorAll('#rows button')].find((one) => one.textContent === 'B2').click()"
     )
     assert "by 29 mm from 2026-03-16 to 2026-03-23" in text("chosen")
+    guids = {one["name"]: one["guid"] for one in report(3)["elements"]}
+    assert guids["B2"] in text("chosen") and all(guid in text("rows") for guid in guids.values())
     fills = {name: fill for name, _, fill in driver.execute_script(SHAPES)}
     driver.execute_script(
         "const m = document.getElementById('mode'); m.value = 'first'; m.dispatchEvent(new Event('change'))"

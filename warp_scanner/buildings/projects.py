@@ -34,6 +34,7 @@ from warp_scanner.scenes.building_edits import without
 AT_ONCE = 2  # files that are read at a time; most of a reader's work is of one thread
 LARGEST_MARK = 2.0  # [m] of what marks the zero of a file
 AT_ZERO = 0.01  # [m] from it
+MANY_FILES = 4  # that are counted, not named, where all are alike
 _PROXY = "IfcBuildingElementProxy"
 Reader = Callable[..., Building]
 
@@ -105,7 +106,7 @@ def together(files: Sequence[Read], first: str | None = None) -> Building:
     placed, moves = bring_together(files, first)
     building = joined(placed)
     building, same = with_twins(building)
-    notes = (*moves, *marks, *same, *building.notes)
+    notes = (*moves, *same, *building.notes, *marks)
     said = f"{len(files)} files are read as one building"
     return building._replace(notes=(said, *notes))
 
@@ -235,8 +236,9 @@ def _without_marks(files: list[Read]) -> tuple[list[Read], tuple[str, ...]]:
     for (name, _), places in sorted(marks.items()):
         if len({number for number, _ in places}) < 2:
             continue
-        names = ", ".join(files[number].name for number, _ in places)
-        notes.append(f"{_PROXY} {name!r} marks the zero of {names}: it was left out")
+        names = [files[number].name for number, _ in places]
+        told = ", ".join(names) if len(names) < MANY_FILES else f"{len(names)} files"
+        notes.append(f"{_PROXY} {name!r} marks the zero of {told}: left out")
         for number, row in places:
             gone.setdefault(number, []).append(row)
     left = []

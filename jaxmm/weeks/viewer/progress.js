@@ -17,6 +17,9 @@ function make(name, attributes = {}, text = null) {
 }
 
 const nameOf = (one) => one.name || one.guid;
+const several = new Set(data.elements.map((one) => one.file)).size > 1;
+// Names repeat: what tells elements apart is their GlobalId, and the file where a model has several.
+const whichOf = (one) => `GlobalId ${one.guid}${several && one.file ? ` of ${one.file}` : ""}`;
 const percent = (value) => `${Math.round(100 * value)}\u00a0%`;
 
 function spanOf(least, most) {
@@ -161,6 +164,7 @@ function choose(row, jump = false) {
     say("class", one.class);
     say("storey", one.storey);
     say("GlobalId", one.guid);
+    if (several) say("file", one.file);
     say("first seen", date(one.first));
     say("its place seen empty", date(one.not_before));
     say("last seen", date(one.last));
@@ -183,7 +187,7 @@ function choose(row, jump = false) {
 }
 
 function linkTo(row) {
-  const button = make("button", {type: "button"}, nameOf(elements[row]));
+  const button = make("button", {type: "button", title: whichOf(elements[row])}, nameOf(elements[row]));
   button.addEventListener("click", () => choose(row, true));
   return button;
 }
@@ -246,13 +250,13 @@ function showRows() {
   let count = 0;
   elements.forEach((one, row) => {
     const state = inModel(one, now) ? stateOf(one, now) : "not in the model";
-    const text = `${one.name} ${one.class} ${one.storey} ${one.guid}`.toLowerCase();
+    const text = `${one.name} ${one.class} ${one.storey} ${one.guid} ${one.file}`.toLowerCase();
     const behind = only === "late" && one.behind;
     if ((only && state !== only && !behind) || !words.every((word) => text.includes(word))) return;
     count += 1;
     if (count > MOST_ROWS) return;
     const line = make("tr"), name = make("td", {class: "name"}), strip = make("span", {class: "strip"}), since = lastTold(one, now);
-    name.append(linkTo(row));
+    name.append(linkTo(row), make("span", {class: "quiet"}, several && one.file ? `${one.guid} of ${one.file}` : one.guid));
     weeks.forEach((week, n) => {
       const known = inModel(one, n);
       strip.append(make("i", {class: known ? `${slug(stateOf(one, n))}${told(one, n) ? "" : " kept"}` : "absent",
