@@ -10,7 +10,7 @@ from warp_scanner.scenes.building import AS_IT_IS, Building, element_bounds
 ifcopenshell = pytest.importorskip("ifcopenshell")
 
 from warp_scanner.buildings.ifc_files import parse_ifc, read_ifc  # noqa: E402
-from warp_scanner.buildings.ifc_numbers import beyond_numbers  # noqa: E402
+from warp_scanner.buildings.ifc_hazards import beyond_the_library  # noqa: E402
 from warp_scanner.buildings.room_ifc import write_room  # noqa: E402
 
 
@@ -270,6 +270,22 @@ def test_what_is_no_number_costs_what_is_made_with_it(tmp_path, place, number):
     assert told.keys() == hit and all("a number that is infinite or none" in why for why in told.values())
 
 
+@pytest.mark.parametrize(
+    "ratios, top", [("0.,0.,2.", (0.1, 3.0)), ("0.,3.,4.", (1.9, 2.4)), ("0.,0.,1.E-3", (0.1, 3.0))]
+)
+def test_the_length_of_a_direction_means_nothing(tmp_path, ratios, top):
+    """A wall of 0.2 m is extruded by 3 m, straight up or along 0, 0.6, 0.8."""
+    text = (
+        ifc_text("IFC2X3")
+        .decode()
+        .replace("#25=IFCEXTRUDEDAREASOLID(#22,#12,#13", "#25=IFCEXTRUDEDAREASOLID(#22,#12,#90")
+    )
+    path = tmp_path / "long.ifc"
+    path.write_text(text.replace("#26=", f"#90=IFCDIRECTION(({ratios}));\n#26=", 1))
+    _, high = span(read_ifc(path), "wall")
+    np.testing.assert_allclose(high[1:], top, atol=1e-5)
+
+
 @pytest.mark.parametrize("radius, fails", [("1.E7", False), ("1.E9", True), ("4294967295.", True), ("1.E30", True)])
 def test_no_circle_is_as_wide_as_a_country(tmp_path, radius, fails):
     told = lost(tmp_path, "#24,150.)", f"#24,{radius})")
@@ -287,4 +303,28 @@ def test_what_all_stand_on_is_told_of_the_file(tmp_path):
 def test_names_may_hold_anything(tmp_path, name):
     path = tmp_path / "named.ifc"
     path.write_text(ifc_text("IFC4").decode().replace(".AREA.,$", f".AREA.,'{name}'"))
-    assert not beyond_numbers(path, ifcopenshell.open(path), 0.001)
+    assert not beyond_the_library(path, ifcopenshell.open(path), 0.001)
+
+
+@pytest.mark.parametrize("how, top", [("alone", 4.0), ("joined", 4.0), ("cut out", 1.0), ("cone", None)])
+def test_cylinders_are_made_and_cones_are_told(tmp_path, how, top):
+    """A cylinder of 4 m, a box of 2 x 2 x 1 m that it is joined to, or cut out of."""
+    model = Model()
+    tool = model.new("IfcRightCircularCylinder", model.axes(), 4.0, 0.5)
+    if how == "cone":
+        tool = model.new("IfcRightCircularCone", model.axes(), 4.0, 0.5)
+    if how in ("joined", "cut out"):
+        block = model.new("IfcBlock", model.axes(-1, -1, 0), 2.0, 2.0, 1.0)
+        tool = model.new("IfcBooleanResult", "UNION" if how == "joined" else "DIFFERENCE", block, tool)
+    items = [model.new("IfcCsgSolid", tool)]
+    model.product("IfcColumn", "round", model.new("IfcShapeRepresentation", model.body, "Body", "CSG", items))
+    model.product("IfcColumn", "square", model.box(*LOWER))
+    building = read(model.file, tmp_path)
+    if top is None:
+        assert [one.name for one in building.failures] == ["round"]
+        assert "IfcRightCircularCone, is of a kind that the library for IFC cannot make" in building.failures[0].reason
+        return
+    half = 0.5 if how == "alone" else 1.0
+    np.testing.assert_allclose(span(building, "round"), [[-half, -half, 0], [half, half, top]], atol=0.01)
+    row = building.elements.name.index("round")
+    assert building.failures == () and np.sum(building.triangles.element == row) > 30  # the cylinder's own

@@ -23,9 +23,9 @@ from warp_scanner.buildings import kept_models
 from warp_scanner.buildings.arrays import packed, unpacked
 from warp_scanner.buildings.ifc_bodies import keep_bodies
 from warp_scanner.buildings.ifc_grids import place_by_grids
+from warp_scanner.buildings.ifc_hazards import beyond_the_library
 from warp_scanner.buildings.ifc_maps import to_map
 from warp_scanner.buildings.ifc_model import check_installed, check_text, identity_of, open_model, unit_scale
-from warp_scanner.buildings.ifc_numbers import beyond_numbers
 from warp_scanner.buildings.ifc_wholes import owner_of, put_together, wholes_of
 from warp_scanner.buildings.ifc_zips import plain_file
 from warp_scanner.guarded import Plain
@@ -142,7 +142,7 @@ def parse_ifc(path: Path, options: ReadOptions) -> Building:
 def _building(path: Path, options: ReadOptions) -> Building:
     model, notes = open_model(path)
     unit = unit_scale(model, path)
-    shapeless = place_by_grids(model) | beyond_numbers(path, model, unit)
+    shapeless = place_by_grids(model) | beyond_the_library(path, model, unit)
     storeys, rows = _storeys(model, unit, shapeless)
     products, left_out = _products(model)
     guids, repeated = _unique_guids(products)

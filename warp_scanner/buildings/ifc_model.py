@@ -1,6 +1,7 @@
 """Opens IFC files: checks their text, parses them by ifcopenshell, mends exporters' errors, reads their unit."""
 
 import importlib.util
+import math
 import mmap
 import re
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+_UNIT = 1e-4  # by which the length of a direction may be off 1, as rounded ratios are
 _BEGIN = 4096  # bytes in which a file says that it is one
 MISSING = "reading IFC needs the extra ifc: pip install 'jaxmm[ifc]'"
 
@@ -83,9 +85,20 @@ def open_model(path: Path) -> tuple[Any, tuple[str, ...]]:
     for entity in model.by_type("IfcRoot"):
         if not entity.GlobalId:
             entity.GlobalId = identity_of(entity)  # the library's shape iterator never ends at one without
+    for direction in model.by_type("IfcDirection"):
+        _make_unit(model, direction)
     mended = sum(_mend(product) for product in model.by_type("IfcProduct"))
     told = f"{mended} elements of the file mark an empty value by *, where IFC has $: nothing is lost by it"
     return model, (told,) if mended else ()
+
+
+def _make_unit(model: Any, direction: Any) -> None:
+    """What a solid is extruded along has a length that means nothing, by which one kernel multiplies its depth."""
+    length = math.hypot(*direction.DirectionRatios or ())
+    if abs(length - 1.0) < _UNIT or not 0.0 < length < math.inf:
+        return
+    if any(getattr(user, "ExtrudedDirection", None) == direction for user in model.get_inverse(direction)):
+        direction.DirectionRatios = [ratio / length for ratio in direction.DirectionRatios]
 
 
 def _mend(product: Any) -> bool:

@@ -1,8 +1,9 @@
-"""Finds what an IFC file gives numbers that its library cannot take: infinite ones, and circles as wide as a country.
+"""Finds what the library for IFC cannot take: infinite numbers, circles as wide as a country, cylinders and cones.
 
 The library asks nothing of numbers. A direction of `-inf`, which is none in STEP but which its parser takes, keeps it
 computing without end; an `inf` without a sign is left out, so that a point of three numbers becomes one of two; and a
-circle gets corners by its radius, some hundred thousand at 1,000 km, which takes minutes to triangulate.
+circle gets corners by its radius, some hundred thousand at 1,000 km, which takes minutes to triangulate. Cylinders and
+cones of constructive geometry it leaves out, and where they were joined to something, or cut out of it, without a word.
 """
 
 import mmap
@@ -28,8 +29,10 @@ _CARRIERS = (*_GEOMETRY, "IfcRepresentation", "IfcRepresentationMap", "IfcRepres
              "IfcProductRepresentation")  # fmt: skip
 
 
-def beyond_numbers(path: Path, model: Any, unit: float) -> dict[int, str]:
-    """For each product whose shape or place holds such a number, by STEP id, the reason.
+def beyond_the_library(path: Path, model: Any, unit: float) -> dict[int, str]:
+    """For each product whose shape or place holds such a thing, by STEP id, the reason.
+
+    Cylinders are made extruded circles, in the model as it is in memory, so they cost nothing.
 
     Args:
         path: the STEP text.
@@ -37,7 +40,9 @@ def beyond_numbers(path: Path, model: Any, unit: float) -> dict[int, str]:
         unit: [m] of a length in it.
     """
     reasons: dict[int, str] = {}
-    for item, why in (*_without_number(path, model), *_too_wide(model, unit)):
+    for cylinder in model.by_type("IfcRightCircularCylinder"):
+        _extrude(model, cylinder)
+    for item, why in (*_without_number(path, model), *_too_wide(model, unit), *_cones(model)):
         for product in _made_with(model, item):
             reasons.setdefault(product.id(), why)
     return reasons
@@ -68,6 +73,35 @@ def _too_wide(model: Any, unit: float) -> list[tuple[Any, str]]:
                 why = f"#{item.id()}, {item.is_a()}, has a radius of {widest:.3g} m, expected at most {_WIDEST:g} m"
                 found.append((item, why))
     return found
+
+
+def _cones(model: Any) -> list[tuple[Any, str]]:
+    found = model.by_type("IfcRightCircularCone")
+    return [(one, f"#{one.id()}, {one.is_a()}, is of a kind that the library for IFC cannot make") for one in found]
+
+
+def _extrude(model: Any, cylinder: Any) -> None:
+    """A circle that is extruded as high takes the place of a cylinder wherever it is used."""
+    new = model.create_entity
+    middle = new("IfcAxis2Placement2D", new("IfcCartesianPoint", (0.0, 0.0)))
+    circle = new("IfcCircleProfileDef", "AREA", None, middle, cylinder.Radius)
+    solid = new(
+        "IfcExtrudedAreaSolid", circle, cylinder.Position, new("IfcDirection", (0.0, 0.0, 1.0)), cylinder.Height
+    )
+    _put_in_place(model, cylinder, solid)
+
+
+def _put_in_place(model: Any, old: Any, new: Any) -> None:
+    """One item for another wherever it is used; a tree of constructive geometry that is it alone goes with it."""
+    for user in model.get_inverse(old):
+        if user.is_a("IfcCsgSolid"):
+            _put_in_place(model, user, new)
+            continue
+        for place in range(len(user)):
+            if user[place] == old:
+                user[place] = new
+            elif isinstance(user[place], tuple) and old in user[place]:
+                user[place] = [new if one == old else one for one in user[place]]
 
 
 def _by_id(model: Any, number: int) -> Any:
