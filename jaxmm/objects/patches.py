@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.vectors import lengths
+
 HIGHEST = 0.9  # quantile of heights, from which points tell of the ceiling above them; the lowest tell of the floor
 LEAST_RAYS = 3  # toward a patch, before it can be called free
 
@@ -67,7 +69,7 @@ class Crossings(NamedTuple):
 def sensors_of(points: np.ndarray, sensors: np.ndarray, scan: np.ndarray | None) -> np.ndarray:
     """The sensor (N, 3) [m] that saw each point: that of its scan (N,) int, or, where None, the nearest of (S, 3)."""
     if scan is None:
-        apart = [np.linalg.norm(points - sensor, axis=1) for sensor in sensors]
+        apart = [lengths(points - sensor) for sensor in sensors]
         scan = np.argmin(apart, axis=0)
     return sensors[scan]
 

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from jaxmm.vectors import lengths
+
 NARROW = 0.17  # least cosine between the middle of the view and what is seen: beyond 80 degrees no plane shows it
 AIMED = 0.3  # least length of the mean of all directions in plan; less of it, and a scan looks around, up or down
 LEAST_POINTS = 10  # that show a window
@@ -34,7 +36,7 @@ def view_of(points: np.ndarray, sensor: np.ndarray) -> View | None:
     down; fewer than LEAST_POINTS points, or all in one line.
     """
     offset = points - sensor
-    reach = np.linalg.norm(offset, axis=1)
+    reach = lengths(offset)
     away = offset[reach > AT_SENSOR] / reach[reach > AT_SENSOR, None]
     ahead = away.mean(axis=0) * [1.0, 1.0, 0.0] if len(away) >= LEAST_POINTS else np.zeros(3)
     aimed = float(np.linalg.norm(ahead))

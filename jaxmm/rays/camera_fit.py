@@ -11,6 +11,8 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 
+from jaxmm.vectors import lengths
+
 _BINS = 24  # stretches that an edge is cut into: each counts once, however many points it holds
 _SLACK = 0.1  # of half the view: points farther outside are strays
 REACH = 3.0  # [spacings] from an edge within which a stretch counts as touched, the less the farther
@@ -100,7 +102,7 @@ def touched_edges(cloud: Cloud, pose: np.ndarray, half: np.ndarray, reach: float
 def misplaced(cloud: Cloud, pose: np.ndarray, half: np.ndarray) -> tuple[float, float]:
     """Shares of points that lie behind others, as no single scan can measure them, and of strays out of view."""
     offset = cloud.points - pose[:3]
-    distance = np.maximum(np.linalg.norm(offset, axis=1), 1e-9)
+    distance = np.maximum(lengths(offset), 1e-9)
     toward = offset / distance[:, None]
     angle, other = cKDTree(toward).query(toward, k=min(8, len(toward)))
     covered = angle < cloud.patch[other] / distance[other]

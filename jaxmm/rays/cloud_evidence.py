@@ -11,6 +11,7 @@ import numpy as np
 from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH, UNSEEN, Frame, View, frame_of, margins
 from jaxmm.rays.noise_model import noise_of, sigma_at
 from jaxmm.rays.pools import Surfaces, normals_of
+from jaxmm.vectors import lengths
 from warp_scanner.clouds.sightlines import Targets, look, sort_directions
 
 FOOTPRINT = 0.08  # [m] half width of what a point stands for: half the diagonal of a voxel of 0.1 m
@@ -50,7 +51,7 @@ def side_of(points: np.ndarray, sensor: np.ndarray, surfaces: Surfaces | None = 
 def toward(points: np.ndarray, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit directions (N, 3) and ranges (N,) [m] of points as seen from a place, float64."""
     offset = np.asarray(points, np.float64) - sensor
-    reach = np.linalg.norm(offset, axis=1)
+    reach = lengths(offset)
     return np.where(reach[:, None] > 1e-6, offset / np.maximum(reach, 1e-6)[:, None], [1.0, 0.0, 0.0]), reach
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.rays.pools import Surfaces, neighbourhood_of, pools_of
+from jaxmm.vectors import lengths
 
 FRACTIONS = ("through", "support", "blocked", "unseen")
 THROUGH, SUPPORT, BLOCKED, UNSEEN = range(4)
@@ -127,7 +128,7 @@ def features_of(view: View, frame: Frame, surfaces: Surfaces | None = None) -> n
         np.clip(np.nan_to_num(view.residual) / (3.0 * view.margin), -1.0, 1.0),
         np.clip(view.apart, 0.0, 1.0),
         stands.height,
-        np.linalg.norm(points - frame.sensor, axis=1) / 10.0,
+        lengths(points - frame.sensor) / 10.0,
         np.nan_to_num(view.cosine, nan=1.0),
     ]
     of_surface = fractions(_rays_of(view.count, surface)[surface])

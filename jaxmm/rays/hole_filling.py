@@ -8,6 +8,8 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import cKDTree
 
+from jaxmm.vectors import lengths
+
 SPACING = 0.02  # [rad] of the directions that are filled
 OPEN = 2.0  # spacings to the nearest known direction, from which a direction counts as a hole
 
@@ -48,6 +50,6 @@ def fill_holes(points: np.ndarray, sensor: np.ndarray, inside: np.ndarray) -> np
 def _angles(points: np.ndarray, sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Azimuth and elevation (N, 2) [rad] and range (N,) [m] of points as seen from a place."""
     offset = np.asarray(points, np.float64) - sensor
-    reach = np.linalg.norm(offset, axis=1)
+    reach = lengths(offset)
     elevation = np.arcsin(np.clip(offset[:, 2] / np.maximum(reach, 1e-9), -1.0, 1.0))
     return np.column_stack([np.arctan2(offset[:, 1], offset[:, 0]), elevation]), reach

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from jaxmm.rays.pools import BENT, normals_of
 from jaxmm.rays.scan_rays import NEAREST, PosedScan
+from jaxmm.vectors import lengths
 from warp_scanner.clouds.voxels import thin_clouds
 
 VOXEL, FINE = 0.1, 0.05  # [m] of surfaces whose planes are sought, and of points that images are to lie upon
@@ -110,7 +111,7 @@ def without_images(scan: PosedScan, prior: Surfaces) -> Unmirrored:
         prior: what the scan is compared with; mirrors are sought on the scan's own surfaces, too.
     """
     points = scan.points.astype(np.float64)
-    points = points[np.linalg.norm(points - scan.position, axis=1) > NEAREST]
+    points = points[lengths(points - scan.position) > NEAREST]
     own = points[thin_clouds([points], FINE)[0]]
     unknown = prior.distance(own, UNEXPLAINED) >= UNEXPLAINED
     mirrors, met, left = [], [], points
@@ -163,7 +164,7 @@ def _planes(surface: np.ndarray, position: np.ndarray, ends: np.ndarray) -> list
 def _seen(points: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit directions (N, 3) and distances (N,) [m] of points from a place."""
     offset = points - position
-    reach = np.maximum(np.linalg.norm(offset, axis=1), NEAREST)
+    reach = np.maximum(lengths(offset), NEAREST)
     return offset / reach[:, None], reach
 
 
@@ -178,7 +179,7 @@ def _crossing(plane: Plane, points: np.ndarray, position: np.ndarray) -> _Crossi
     depth = plane.offset - points @ plane.normal
     if above <= NEAREST:
         return _Crossing(np.zeros(0, int), np.zeros((0, 3)), np.zeros(0))
-    reach = np.linalg.norm(points - position, axis=1)
+    reach = lengths(points - position)
     part = above / (above + np.maximum(depth, 0.0))
     row = np.flatnonzero((depth > 0.0) & ((1.0 - part) * reach > BEHIND + BEHIND_SHARE * reach))
     place = position + (points[row] - position) * part[row, None]
@@ -199,7 +200,7 @@ def _matches(plane: Plane, shift: float, points: np.ndarray, front: _Front) -> n
     above = front.position @ plane.normal - plane.offset - shift
     images = points + 2.0 * depth[:, None] * plane.normal
     starts = front.position + (points - front.position) * (above / np.maximum(above + depth, NEAREST))[:, None]
-    near = NEAR + NEAR_SHARE * np.linalg.norm(points - front.position, axis=1)
+    near = NEAR + NEAR_SHARE * lengths(points - front.position)
     found = front.tree.query(images, distance_upper_bound=float(near.max(initial=0.0)))[0] < near
     rest = np.flatnonzero((depth > NEAREST) & (above > 0.0) & ~found)
     found[rest] = front.off(starts[rest], images[rest]) < near[rest]

@@ -4,6 +4,7 @@ import numpy as np
 import small_gicp
 
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, drawn
+from jaxmm.vectors import lengths
 from warp_scanner.launches import thread_count
 
 SAME = 2e-5  # [rad] apart, up to which two rays are one: a settled point lies on its ray, but for rounding
@@ -21,7 +22,7 @@ def own_ranges(rays: ScanRays, rotation: np.ndarray, whole: PosedScan | None) ->
     if whole is None or not rays.measured:
         return distance
     offset = drawn(whole.points, whole.position) - whole.position
-    reach = np.linalg.norm(offset, axis=1)
+    reach = lengths(offset)
     known = offset / reach[:, None] @ (rotation @ whole.rotation.T).T
     tree = small_gicp.KdTree(known, num_threads=thread_count(None))
     asked = rays.direction[: rays.measured].astype(np.float64)

@@ -12,6 +12,7 @@ import small_gicp
 from jaxmm.rays.evidence import SIGMAS
 from jaxmm.rays.noise_model import noise_of, sigma_at
 from jaxmm.rays.scan_rays import PosedScan, drawn
+from jaxmm.vectors import lengths
 from warp_scanner.clouds.planes import FEW, on_planes
 from warp_scanner.launches import thread_count
 
@@ -62,7 +63,7 @@ def settled(scan: PosedScan) -> Settled:
     if len(points) < LEAST_POINTS:
         return Settled(scan, 0.0, 0.0)
     offset = points - scan.position
-    reach = np.linalg.norm(offset, axis=1)
+    reach = lengths(offset)
     direction = offset / reach[:, None]
     tree = small_gicp.KdTree(direction, num_threads=thread_count(None))
     off, of = _off_planes(tree, direction, reach)

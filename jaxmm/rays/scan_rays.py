@@ -10,6 +10,7 @@ import numpy as np
 import small_gicp
 
 from jaxmm.rays.evidence import Frame, frame_of
+from jaxmm.vectors import lengths
 from warp_scanner.clouds.sightlines import cells_of
 from warp_scanner.launches import thread_count
 from warp_scanner.sensors.sensors import Sensor
@@ -64,7 +65,7 @@ def rays_of_scan(scan: PosedScan, seed: int = 0, *, holes: bool = True) -> ScanR
     offset = drawn(scan.points, scan.position, seed) - scan.position
     if not len(offset):
         raise ValueError(f"no point is farther than {NEAREST} m from the sensor")
-    reach = np.linalg.norm(offset, axis=1)
+    reach = lengths(offset)
     direction, reach = (offset / reach[:, None]).astype(np.float32), reach.astype(np.float32)
     pattern, spacing = _pattern(scan, direction)
     measured = len(direction)
@@ -86,7 +87,7 @@ def rays_of_scan(scan: PosedScan, seed: int = 0, *, holes: bool = True) -> ScanR
 def drawn(points: np.ndarray, position: np.ndarray, seed: int = 0) -> np.ndarray:
     """(K <= MOST_RAYS, 3) float64 [m]: of points (N, 3) as many as rays are needed, none of the sensor's housing."""
     points = even_draw(points, seed).astype(np.float64)
-    reach = np.linalg.norm(points - position, axis=1)
+    reach = lengths(points - position)
     return points[(reach > NEAREST) & (reach < np.inf)]
 
 
@@ -108,7 +109,7 @@ def overtaken(points: np.ndarray, position: np.ndarray) -> float:
     offset = drawn(points, position) - position
     if not len(offset):
         return 0.0
-    reach = np.linalg.norm(offset, axis=1)
+    reach = lengths(offset)
     direction = (offset / reach[:, None]).astype(np.float32)
     wide = np.radians(2.0)
     covered = len(np.unique(cells_of(direction, wide)[0])) * wide**2

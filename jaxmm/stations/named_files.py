@@ -18,6 +18,7 @@ from jaxmm.inputs import InputError, Misfit
 from jaxmm.rays.scan_rays import PosedScan, even_draw
 from jaxmm.rays.viewpoint import Viewpoint, doubts_about, estimate, estimate_by_other, is_turned_away
 from jaxmm.stations.sources import ScanSource, scan_of
+from jaxmm.vectors import lengths
 from jaxmm.verdicts.alignment import lay
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import Prior
@@ -149,7 +150,7 @@ def _check_place(prior: Prior, scan: PosedScan, thin: np.ndarray, source: str) -
         return
     away = away_from(prior.building, scan.position)
     most = scan.sensor.range_limits[1] if scan.sensor else np.inf
-    reach = min(most, float(np.linalg.norm(thin - scan.position, axis=1).max(initial=0.0)))
+    reach = min(most, float(lengths(thin - scan.position).max(initial=0.0)))
     if away <= reach:
         return
     where = ", ".join(f"{value:.10g}" for value in scan.position + prior.origin)

@@ -15,6 +15,7 @@ from jaxmm.rays.pair_evidence import EVERY, FOOTPRINT, MOST_ANGLE
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, frame_of_rays, measured_points, rays_of_scan
 from jaxmm.rays.tilted_ends import Met, tilted_ends
 from jaxmm.rays.views import Along, view_of_prior, view_of_robot
+from jaxmm.vectors import lengths
 from jaxmm.verdicts.floor_levels import levels_at, levels_of
 from jaxmm.verdicts.placement import Passed
 from jaxmm.verdicts.priors import Prior
@@ -70,7 +71,7 @@ def surfaces_along(scene: TriangleScene, rays: ScanRays) -> np.ndarray:
     for _ in range(LAYERS):
         scan = cast_triangles(scene, Rays(start, direction[None]))
         reach, element = scan.distance[0].astype(np.float64), scan.element[0]
-        hit = np.isfinite(reach) & (np.linalg.norm(origin - rays.position, axis=1) + reach <= rays.limit)
+        hit = np.isfinite(reach) & (lengths(origin - rays.position) + reach <= rays.limit)
         if not hit.any():
             break
         places = origin[hit] + direction[hit] * reach[hit, None]

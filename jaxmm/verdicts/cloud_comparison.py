@@ -13,6 +13,7 @@ from jaxmm.rays.cloud_evidence import FOOTPRINT, LEVELS, MOST_ANGLE, CloudPair, 
 from jaxmm.rays.cloud_levels import NEAR, UNKNOWN, levels_about, own_ceilings
 from jaxmm.rays.evidence import BLOCKED, SUPPORT, Frame, View, margins
 from jaxmm.rays.scan_rays import ScanRays, measured_points
+from jaxmm.vectors import lengths
 from warp_scanner.clouds.neighbours import nearest
 from warp_scanner.clouds.sightlines import Targets, cells_of, look, sort_directions
 from warp_scanner.clouds.voxels import thin_clouds
@@ -83,7 +84,7 @@ def on_surfaces(points: np.ndarray) -> np.ndarray:
 def visible(cloud: np.ndarray, rays: ScanRays) -> np.ndarray:
     """The points of a cloud that lie in the field of view and are not behind others of its own."""
     offset = cloud.astype(np.float64) - rays.position
-    reach = np.linalg.norm(offset, axis=1)
+    reach = lengths(offset)
     near = (reach > 1e-3) & (reach <= rays.limit)
     points, direction, reach = cloud[near], (offset[near] / reach[near, None]).astype(np.float32), reach[near]
     cell = 3.0 * rays.spacing

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from jaxmm.rays.scan_rays import PosedScan, drawn
+from jaxmm.vectors import lengths
 from jaxmm.verdicts.building_evidence import passes
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.scenes.building import bounds
@@ -54,7 +55,7 @@ def contradicted(scene: TriangleScene, scan: PosedScan) -> float:
     if not len(near):
         return 0.0
     offset = points[:: max(1, len(points) // MOST_ASKED)] - scan.position
-    reach = np.linalg.norm(offset, axis=1)
+    reach = lengths(offset)
     direction = offset / reach[:, None]
     stand = cKDTree(near[thin_clouds([near.astype(np.float32)], SPACING)[0]])
     closed = np.isin(scene.triangles.semantic, CLOSED)

@@ -8,6 +8,7 @@ Positions are offsets from the prior's origin, world axes: metres, z up.
 import numpy as np
 
 from jaxmm.rays.scan_rays import NEAREST, PosedScan, ScanRays
+from jaxmm.vectors import lengths
 from jaxmm.verdicts.priors import Prior
 from warp_scanner.clouds.sightlines import cells_of
 from warp_scanner.sensors.scan import Rays
@@ -80,7 +81,7 @@ def _toward(prior: Prior, position: np.ndarray, rows: np.ndarray, spacing: float
         if not len(faces):
             continue
         offset = triangles.vertices[np.unique(triangles.faces[faces])].astype(np.float64) - position
-        views.append((float(np.linalg.norm(offset, axis=1).min()), int(row), offset))
+        views.append((float(lengths(offset).min()), int(row), offset))
     found, element, count = [np.zeros((0, 3), np.float32)], [np.zeros(0, int)], 0
     for _, row, offset in sorted(views, key=lambda view: view[:2]):
         own = _grid(offset, spacing)
@@ -128,12 +129,12 @@ def _with_own(whole: tuple[PosedScan, np.ndarray], rays: ScanRays, direction: np
     own = [np.zeros((0, 3))]
     for start in range(0, len(scan.points), AT_ONCE):
         offset = (scan.points[start : start + AT_ONCE].astype(np.float64) - scan.position) @ turn.T
-        reach = np.linalg.norm(offset, axis=1)
+        reach = lengths(offset)
         offset = offset[(reach > NEAREST) & (reach < np.inf)]
         unit = offset / np.linalg.norm(offset, axis=1, keepdims=True)
         own.append(offset[_shares_cell(unit, direction, cell)])
     offset = np.concatenate(own)
-    reach = np.linalg.norm(offset, axis=1)
+    reach = lengths(offset)
     drawn = slice(rays.measured)
     kept = np.flatnonzero(~_shares_cell(rays.direction[drawn], direction, cell))
     parts = (kept, slice(rays.measured, None))

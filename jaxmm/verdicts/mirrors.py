@@ -8,10 +8,9 @@ from functools import partial
 import numpy as np
 
 from jaxmm.rays.mirror_images import Mirror, Surfaces, without_images
-from jaxmm.rays.scan_rays import PosedScan
-from jaxmm.verdicts.building_evidence import surfaces_for
-from jaxmm.verdicts.named_scans import NamedScan
-from jaxmm.verdicts.placement import Placed
+from jaxmm.rays.scan_rays import PosedScan, ScanRays
+from jaxmm.vectors import lengths
+from jaxmm.verdicts.building_evidence import surfaces_along
 from jaxmm.verdicts.priors import Prior, distance_from
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.surface import incidence_of
@@ -23,22 +22,9 @@ ON = 0.3  # [m] within which a point of a cloud is looked for
 ALONG = 0.5  # [m] along a ray, from its end to the surface that it meets: along floors, little is a long way
 
 
-def without_mirror_images(
-    prior: Prior, placed: list[Placed], scans: list[NamedScan]
-) -> tuple[list[Placed], list[NamedScan]]:
-    """Scans without mirror images, and the named scans with notes of what was left out."""
-    fits, named = [], []
-    for fit, one in zip(placed, scans, strict=True):
-        scan, notes = unmirrored(prior, fit.scan)
-        fits.append(fit._replace(scan=scan))
-        # Images would come back with all points as they were measured.
-        named.append(one._replace(notes=(*one.notes, *notes), whole=None) if notes else one)
-    return fits, named
-
-
-def unmirrored(prior: Prior, scan: PosedScan) -> tuple[PosedScan, tuple[str, ...]]:
-    """A scan, where it lies, without mirror images; and what is to be said of that."""
-    found = without_images(scan, surfaces_of(prior, scan))
+def unmirrored(prior: Prior, scan: PosedScan, rays: ScanRays) -> tuple[PosedScan, tuple[str, ...]]:
+    """A scan, where it lies, without mirror images; and what is to be said of that. `rays` are the scan's."""
+    found = without_images(scan, surfaces_of(prior, rays))
     if not found.mirrors:
         return scan, ()
     where = dict.fromkeys(_name(prior, scan, one) for one in found.mirrors)
@@ -47,8 +33,8 @@ def unmirrored(prior: Prior, scan: PosedScan) -> tuple[PosedScan, tuple[str, ...
     )
 
 
-def surfaces_of(prior: Prior, scan: PosedScan) -> Surfaces:
-    """What the prior knows of the place of a scan."""
+def surfaces_of(prior: Prior, rays: ScanRays) -> Surfaces:
+    """What the prior knows of the place that a scan's rays start from."""
     to_prior = distance_from(prior)
 
     def distance(points: np.ndarray, reach: float) -> np.ndarray:
@@ -56,13 +42,13 @@ def surfaces_of(prior: Prior, scan: PosedScan) -> Surfaces:
 
     if not prior.has_elements:
         return Surfaces(lambda: prior.cloud, distance, lambda _, ends: distance(ends, ON))
-    return Surfaces(partial(surfaces_for, prior.scene, scan), distance, partial(_off, prior.scene))
+    return Surfaces(partial(surfaces_along, prior.scene, rays), distance, partial(_off, prior.scene))
 
 
 def _off(scene: TriangleScene, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """(N,) [m] from the ends (N, 3) of rays to the planes of the first surfaces that they meet; inf without one."""
     way = ends - starts
-    reach = np.linalg.norm(way, axis=1)
+    reach = lengths(way)
     rays = Rays(starts.astype(np.float32)[None], (way / reach[:, None]).astype(np.float32)[None])
     met, face = cast_faces(scene, rays)
     beside = np.abs(met.distance[0] - reach)
@@ -74,7 +60,7 @@ def _name(prior: Prior, scan: PosedScan, mirror: Mirror) -> str:
     """The element that most of its rays meet there: it mirrors, or a mirror hangs on it; else where it is."""
     if prior.has_elements:
         offset = mirror.places[:: max(1, len(mirror.places) // ASKED)] - scan.position
-        reach = np.linalg.norm(offset, axis=1)
+        reach = lengths(offset)
         met = cast_triangles(prior.scene, Rays(scan.position[None], (offset / reach[:, None]).astype(np.float32)))
         there = met.element[0][np.abs(met.distance[0] - reach) < AT]
         if len(there):

@@ -13,6 +13,7 @@ from jaxmm.learning.boxes import Box
 from jaxmm.learning.prediction import Side
 from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH
 from jaxmm.rays.scan_rays import PosedScan
+from jaxmm.vectors import lengths
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import Detection, Drawing, Key, Mismatch
 from warp_scanner.scenes.building import Building, Triangles, Twin
@@ -92,7 +93,7 @@ def signed_distances(detection: Detection) -> np.ndarray | None:
         own = np.flatnonzero(drawing.robot_scan == number)
         sensor = np.array(scan.pose[:3], np.float64) - drawing.origin
         way = drawing.robot[own] - sensor
-        reach = np.linalg.norm(way, axis=1)
+        reach = lengths(way)
         own, way, reach = own[reach > 0.0], way[reach > 0.0], reach[reach > 0.0]
         if len(own):
             rays = Rays(sensor[None], (way / reach[:, None]).astype(np.float32))

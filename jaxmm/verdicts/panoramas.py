@@ -10,6 +10,7 @@ import small_gicp
 from scipy.spatial import cKDTree
 
 from jaxmm.inputs import Misfit
+from jaxmm.vectors import lengths
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import TriangleScene, cast_triangles
 
@@ -112,7 +113,7 @@ def panorama_of(points: np.ndarray) -> Panorama:
     Raises:
         Misfit: too little of it shows anything.
     """
-    reach = np.linalg.norm(points, axis=1)
+    reach = lengths(points)
     direction = points / reach[:, None]
     elevation = np.arcsin(np.clip(direction[:, 2], -1.0, 1.0))
     low, high = np.clip(np.quantile(elevation, OUTERMOST), -STEEPEST, STEEPEST)

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxmm.inputs import Misfit
 from jaxmm.rays.scan_rays import drawn, overtaken
+from jaxmm.vectors import lengths
 from jaxmm.verdicts.panoramas import AZIMUTHS, LEAST_SPAN, fits_of, panorama_of, span_of_azimuth, upright_of
 from jaxmm.verdicts.priors import Prior
 from warp_scanner.buildings.free_places import free_places
@@ -131,7 +132,7 @@ def _own_points(points: np.ndarray) -> np.ndarray:
     """Those that can be used; Misfit where they are not of one place, or look at too little."""
     zero = np.zeros(3)
     points = drawn(np.asarray(points, np.float64), zero)
-    points = points[np.linalg.norm(points, axis=1) < FARTHEST]
+    points = points[lengths(points) < FARTHEST]
     span = span_of_azimuth(points)
     if span < LEAST_SPAN:
         raise Misfit(
@@ -150,7 +151,7 @@ def _some(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Directions (P, 3) and ranges (P,) of so many points, in the order of their azimuths, which rays are fast in."""
     points = np.random.default_rng(0).permutation(points)[:count]
     points = points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))]
-    reach = np.linalg.norm(points, axis=1)
+    reach = lengths(points)
     return points / reach[:, None], reach
 
 
@@ -253,7 +254,7 @@ def _distinct(poses: _Poses, score: np.ndarray) -> np.ndarray:
 def _are_same(poses: _Poses, one: int, others: np.ndarray) -> np.ndarray:
     """Whether others (n,) are one place with it; each is with itself."""
     cosine = (np.einsum("ij,nij->n", poses.rotation[one], poses.rotation[others]) - 1.0) / 2.0
-    apart = np.linalg.norm(poses.position[others] - poses.position[one], axis=1)
+    apart = lengths(poses.position[others] - poses.position[one])
     return (apart < SAME) & (cosine > np.cos(SAME_TURN))
 
 

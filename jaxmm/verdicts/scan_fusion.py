@@ -12,6 +12,7 @@ from jaxmm.learning.prediction import Side
 from jaxmm.objects.face_finish import Rays
 from jaxmm.objects.finder import Judged
 from jaxmm.rays.scan_rays import ScanRays
+from jaxmm.vectors import lengths
 from jaxmm.verdicts.verdicts import MOST_SURE
 from warp_scanner.clouds.sightlines import cells_of
 
@@ -53,7 +54,7 @@ def judged_side(looked: Sequence[Looked], change: str, rays: Sequence[Rays] | No
     )
     scan = np.repeat(np.arange(len(parts)), [len(part.fields[0]) for part in parts])
     sensors = np.array([part.sensor for part in parts])
-    visits = Visits(points, scan, np.linalg.norm(points - sensors[scan], axis=1))
+    visits = Visits(points, scan, lengths(points - sensors[scan]))
     pillar, wall = fused(visits, np.column_stack([pillar, wall])).T
     floor, ceiling = min(part.levels[0] for part in parts), max(part.levels[1] for part in parts)
     judged = Judged(

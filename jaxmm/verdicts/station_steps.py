@@ -28,7 +28,7 @@ from jaxmm.verdicts.behind_removed import Says, ask_again, judged_anew, past_not
 from jaxmm.verdicts.building_evidence import sight
 from jaxmm.verdicts.cloud_comparison import compare
 from jaxmm.verdicts.far_elements import toward_far_elements
-from jaxmm.verdicts.mirrors import without_mirror_images
+from jaxmm.verdicts.mirrors import unmirrored
 from jaxmm.verdicts.mismatches import alone_of
 from jaxmm.verdicts.named_scans import NamedScan, held_scan, laid_scan, placed_scan, settled_scan
 from jaxmm.verdicts.outdoors import OUTDOORS, is_outdoors, of_building_only
@@ -147,10 +147,15 @@ def face_station(context: Context, shelf: Shelf, held: Held | None) -> Shown:
     is_out = is_outdoors(prior, placed.scan.position)
     if is_out:
         one = one._replace(notes=(*one.notes, OUTDOORS))
-    if settings.mirrors and context.beyond_thesis:
-        (placed,), (one,) = without_mirror_images(prior, [placed], [one])
     try:
-        rays = toward_far_elements(prior, placed.scan, rays_of_scan(placed.scan), one.whole)
+        rays = rays_of_scan(placed.scan)
+        if settings.mirrors and context.beyond_thesis:
+            scan, notes = unmirrored(prior, placed.scan, rays)
+            if notes:
+                # Images would come back with all points as they were measured.
+                one, placed = one._replace(notes=(*one.notes, *notes), whole=None), placed._replace(scan=scan)
+                rays = rays_of_scan(scan)
+        rays = toward_far_elements(prior, placed.scan, rays, one.whole)
     except (InputError, ValueError) as error:
         raise InputError(f"{one.file}: {error}") from error
     stood = Stood(one._replace(whole=None), placed._replace(scan=_bare(placed.scan)), is_out)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jaxmm.learning.prediction import read_judges
+from jaxmm.rays.scan_rays import rays_of_scan
 from jaxmm.runs.room_scans import as_cloud, cases_of
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.mirrors import unmirrored
@@ -61,6 +62,6 @@ def test_the_thesiss_preset_takes_scans_as_they_are(case):
 
 
 def test_of_a_cloud_the_place_is_named(case):
-    scan, notes = unmirrored(as_cloud(case), case.scan)
+    scan, notes = unmirrored(as_cloud(case), case.scan, rays_of_scan(case.scan))
     assert "mirror images in a surface at" in notes[0]
     assert len(scan.points) > 0 and scan is not case.scan

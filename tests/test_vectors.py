@@ -1,0 +1,19 @@
+"""Vectors as arrays."""
+
+import numpy as np
+import pytest
+
+from jaxmm.vectors import lengths
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_lengths_are_those_of_numpy_to_the_last_bit(dtype):
+    vectors = (np.random.default_rng(0).normal(size=(100_000, 3)) * [1e-3, 1.0, 1e3]).astype(dtype)
+    found = lengths(vectors)
+    assert found.dtype == dtype
+    np.testing.assert_array_equal(found, np.linalg.norm(vectors, axis=1))
+
+
+def test_no_vectors_have_no_lengths_and_what_is_not_known_stays_so():
+    assert lengths(np.zeros((0, 3))).shape == (0,)
+    assert np.isnan(lengths(np.array([[np.nan, 0.0, 0.0]]))[0]) and np.isinf(lengths(np.array([[np.inf, 0, 0]]))[0])
