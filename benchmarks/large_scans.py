@@ -1,8 +1,9 @@
 """How much memory and time `jaxmm detect` takes for a large scan, in every format.
 
     python -m benchmarks.large_scans [--points 50000000] [--formats ply laz ...] [--frame sensor] [--json FILE]
+    python -m benchmarks.large_scans --formats ply laz e57 --against REVISION [--repeat 3]     beside another build
 
-An hour for all formats.
+An hour for all formats. With --against another build, a checkout or a revision of this one, does the same in turns.
 
 A generated room is scanned from one place in random directions with 3 mm of noise, and written block by block in one
 format at a time. A process of its own compares it with the room's IFC file, as a user would, and the peak of its
@@ -11,15 +12,17 @@ given pose takes to the room, or with `viewpoint` those that the pose in a PCD f
 disk, and none outlives its turn. The exit code is 1 where anything took more than the limit.
 """
 
-import os
+import shutil
+import statistics
 import sys
 import tempfile
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.command_line import CommandLine
-from benchmarks.commands import measured
+from benchmarks.commands import ROOT, Build, Usage, checkout
 from benchmarks.timing import write_report
 from benchmarks.views.scan_writers import FORMATS, Blocks
 from warp_scanner.buildings.room_ifc import write_room
@@ -30,6 +33,7 @@ from warp_scanner.sensors.scan import Rays, cast_rays
 
 FULL = {"points": 50_000_000, "formats": list(FORMATS)}
 SMOKE = {"points": 20_000, "formats": ["e57", "laz"]}
+SMALL = 20_000  # points
 LIMIT = 2.5  # [GiB] of memory
 NOISE = 0.003  # [m] of the ranges
 SEED = 2  # of room and noise
@@ -48,25 +52,43 @@ def main() -> int:
     parser.add_argument("--formats", nargs="+", choices=FORMATS, help="which, in this order")
     parser.add_argument("--frame", choices=FRAMES, default="world", help="of the points in the file (default world)")
     parser.add_argument("--folder", type=Path, help="where the files are put while they are needed")
+    parser.add_argument("--against", metavar="DIR|REVISION", help="another build, which takes turns")
+    parser.add_argument("--repeat", type=int, default=1, metavar="N", help="rounds, of which the median counts")
     options = parser.parse_args()
-    scenes = make_scenes(PairConfig(scenario="pillar_added", condition="occluded").scene, SEED, np.array([0]))
-    rows = []
-    for name in options.formats:
-        with tempfile.TemporaryDirectory(dir=options.folder) as folder:
-            path = Path(folder) / f"scan.{FORMATS[name].suffix}"
-            place = scenes.pose.position[0].astype(np.float64)
-
-            def make(part: int, count: int, place: np.ndarray = place) -> np.ndarray:
-                return FRAMES[options.frame](scanned(scenes, part, count) - place, place)
-
-            FORMATS[name].write(
-                path, Blocks(options.points, make, tuple(place) if options.frame == "viewpoint" else (0.0,) * 3)
-            )
-            case = name if options.frame == "world" else f"{name}, {options.frame}"
-            rows.append(row_of(case, path, detection(scenes, path, options.frame), options.points))
+    if options.repeat < 1:
+        parser.error(f"--repeat: expected at least 1, got {options.repeat}")
+    with tempfile.TemporaryDirectory() as work:
+        builds = [Build(ROOT, Path(work) / "this")]
+        if options.against:
+            builds.append(Build(checkout(options.against, Path(work)), Path(work) / "other"))
+        rows = rows_of(options, builds)
     if options.json:
         write_report(options.json, rows, "numpy", "pye57", "laspy", "lazrs", "pypcd4")
     return int(any(row["ours"] > LIMIT for row in rows))
+
+
+def rows_of(options: Namespace, builds: list[Build]) -> list[dict]:
+    """A row for each format, after a small scan that fills the caches; no file outlives its turn."""
+    scenes = make_scenes(PairConfig(scenario="pillar_added", condition="occluded").scene, SEED, np.array([0]))
+    rows = []
+    for name, points in ((options.formats[0], SMALL), *((name, options.points) for name in options.formats)):
+        with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+            path = Path(folder) / f"scan.{FORMATS[name].suffix}"
+            write(path, name, points, scenes, options.frame)
+            case = name if options.frame == "world" else f"{name}, {options.frame}"
+            case = case if rows else "small, to fill the caches"
+            rows.append(row_of(case, path, detection(scenes, path, options.frame), options.repeat, builds))
+    return rows[1:]
+
+
+def write(path: Path, name: str, points: int, scenes: Scenes, frame: str) -> None:
+    """A scan of the room in a format, in a frame."""
+    place = scenes.pose.position[0].astype(np.float64)
+
+    def make(part: int, count: int) -> np.ndarray:
+        return FRAMES[frame](scanned(scenes, part, count) - place, place)
+
+    FORMATS[name].write(path, Blocks(points, make, tuple(place) if frame == "viewpoint" else (0.0,) * 3))
 
 
 def detection(scenes: Scenes, scan: Path, frame: str) -> list:
@@ -78,21 +100,35 @@ def detection(scenes: Scenes, scan: Path, frame: str) -> list:
     return ["-m", "jaxmm", "detect", prior, scan, *how, "--out", scan.with_name("found")]
 
 
-def row_of(case: str, path: Path, arguments: list, points: int) -> dict:
-    """What a process of its own takes for its work with a file of so many points.
+def row_of(case: str, path: Path, words: list, rounds: int, builds: list[Build]) -> dict:
+    """What a process of its own takes for its work with a file, by one build or two in turns.
 
     Raises:
         SystemExit: it failed, in its own words.
     """
-    usage = measured([sys.executable, *map(str, arguments)], dict(os.environ))
-    peak, size = usage.peak * 1e6 / 2**30, path.stat().st_size / 1e9
-    times = f"{usage.seconds:.0f} s, {usage.computing:.0f} s of computing"
-    print(f"{case}: {points:,} points, {size:.2f} GB on disk, {peak:.2f} GiB, {times}", flush=True)
-    return {
+    taken = [[_once(build, words, path) for build in builds] for _ in range(rounds)]
+    ours, *others = (Usage(*map(statistics.median, zip(*runs, strict=True))) for runs in zip(*taken, strict=True))
+    peak, size = ours.peak * 1e6 / 2**30, path.stat().st_size / 1e9
+    print(f"{case}: {size:.2f} GB on disk, {peak:.2f} GiB, {ours.seconds:.0f} s, {ours.computing:.0f} s of computing")
+    row = {
         "case": case, "ours": round(peak, 2), "peer": LIMIT, "peer_name": "limit", "unit": "GiB",
-        "ratio": round(LIMIT / peak, 2), "seconds": round(usage.seconds, 1), "computing": round(usage.computing, 1),
-        "points": points, "file_gb": round(size, 2),
+        "ratio": round(LIMIT / peak, 2), "seconds": round(ours.seconds, 1), "computing": round(ours.computing, 1),
+        "file_gb": round(size, 2),
     }  # fmt: skip
+    for other in others:
+        times = ours.seconds / other.seconds, ours.computing / other.computing, ours.peak / other.peak
+        print(
+            f"    {times[0]:.2f} times the other build's {other.seconds:.0f} s, {times[1]:.2f} of its computing, "
+            f"{times[2]:.2f} of its memory"
+        )
+        row |= {"other_seconds": round(other.seconds, 1), "times": round(times[0], 3), "times_peak": round(times[2], 3)}
+    sys.stdout.flush()
+    return row
+
+
+def _once(build: Build, words: list, path: Path) -> Usage:
+    shutil.rmtree(path.with_name("found"), ignore_errors=True)
+    return build.run([str(word) for word in words])
 
 
 def scanned(scenes: Scenes, part: int, count: int) -> np.ndarray:

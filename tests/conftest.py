@@ -66,7 +66,10 @@ FIRST = (
     "rays/test_viewpoint.py", "paper/test_data_figures.py", "test_docs.py", "data/test_labelled_buildings.py",
     "test_fuzz.py", "reports/test_page_browser.py", "warp_scanner/test_buildings.py", "runs/test_run_folder.py",
     "learning/test_device_mesh.py", "verdicts/test_detection.py", "reports/test_figures.py",
-    "warp_scanner/test_changes.py",
+    "warp_scanner/test_changes.py", "commands/test_project.py", "verdicts/test_changed_house.py",
+    "commands/test_scan_frames.py", "verdicts/test_behind_removed.py", "verdicts/test_pose_search.py",
+    "warp_scanner/test_room_ifc.py", "warp_scanner/test_room_presets.py", "warp_scanner/test_guarded.py",
+    "warp_scanner/test_scenarios.py",
 )  # fmt: skip
 TESTS = Path(__file__).resolve().parent
 

@@ -1,6 +1,7 @@
 """The arrows of the architecture: who may know whom, as the tables of docs/house.md have it, and no circles."""
 
 import ast
+import functools
 import graphlib
 import importlib
 from pathlib import Path
@@ -162,6 +163,7 @@ def test_what_a_room_names_for_users_is_there_and_is_its_own(package):
             assert public in _defined_below(path.parent), f"{name}.{public} is defined elsewhere: it has two homes"
 
 
+@functools.cache
 def _defined_below(folder: Path) -> set[str]:
     """Names of the functions, classes and constants that the files of a folder define."""
     names = set()

@@ -147,10 +147,10 @@ def test_what_waits_for_ever_is_ended(monkeypatch, read):
 
 
 def test_what_computes_is_waited_for(monkeypatch):
-    monkeypatch.setattr(guarded, "_IDLE", 1.0)
+    monkeypatch.setattr(guarded, "_IDLE", 0.5)
     monkeypatch.setattr(guarded, "_LOOK", 0.1)
     monkeypatch.setattr(guarded, "_LEAST", 0.05)
-    assert read_guarded(work, PATH, 4.0, LIMITS).words == str(PATH)
+    assert read_guarded(work, PATH, 2.0, LIMITS).words == str(PATH)
 
 
 def test_limits_grow_with_the_file(tmp_path):

@@ -26,7 +26,7 @@ from warp_scanner.scenes.scenes import (
     take,
 )
 
-COUNT = 10_000
+COUNT = 5_000
 MOVABLE = (TABLE, CHAIR, CABINET, CARTON, PERSON)
 
 
