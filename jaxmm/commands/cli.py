@@ -275,7 +275,7 @@ def _scan(options: argparse.Namespace) -> None:
     from jaxmm.commands.scanning import check_returns, opened, scan_of
     from jaxmm.formats import writers
     from jaxmm.formats.poses import parse_pose
-    from warp_scanner.scenes.building import remarks
+    from warp_scanner.scenes.remarks import remarks
     from warp_scanner.sensors.sensors import sensor_named
 
     writers.check_format(options.out)

@@ -30,7 +30,8 @@ from warp_scanner.buildings.mesh_files import SUFFIXES
 from warp_scanner.buildings.model_files import KNOWN, Model, has_surface
 from warp_scanner.buildings.projects import read_model
 from warp_scanner.clouds.voxels import thin_clouds
-from warp_scanner.scenes.building import AS_IT_IS, Building, ReadOptions, element_bounds, remarks
+from warp_scanner.scenes.building import AS_IT_IS, Building, ReadOptions, element_bounds
+from warp_scanner.scenes.remarks import remarks
 from warp_scanner.scenes.scenes import PILLAR, WALL
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import TriangleScene, cast_triangles, clearance, prepare

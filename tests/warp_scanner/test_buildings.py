@@ -9,8 +9,9 @@ import trimesh
 from warp_scanner.buildings.files import read_building
 from warp_scanner.buildings.ifc_model import unit_scale
 from warp_scanner.buildings.positions import check_position
-from warp_scanner.scenes.building import Failure, ReadOptions, bounds, remarks
+from warp_scanner.scenes.building import Failure, ReadOptions, bounds
 from warp_scanner.scenes.building_edits import join
+from warp_scanner.scenes.remarks import remarks
 from warp_scanner.scenes.scenes import DOOR, OTHER, PILLAR, WALL, WINDOW
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import cast_triangles, prepare
@@ -165,6 +166,19 @@ def test_many_elements_with_the_same_flaw_are_counted(tmp_path, count, told):
     assert (lines[-2] == f"not a solid: {count - 5} more elements, for such reasons") == (count > 5)
     left_out = remarks(read_building(tmp_path / "box.ply")._replace(failures=flaws))
     assert sum(line.startswith("without a shape: ") for line in left_out) == count  # each has no verdict
+
+
+def test_what_several_files_lack_alike_is_told_once_and_last(tmp_path):
+    trimesh.creation.box(extents=[1, 1, 1]).export(tmp_path / "box.ply")
+    files = ("a.ifc", "b.ifc", "c.ifc")
+    lost = [Failure(f"id {file}", "IfcBuildingElementProxy", "zero", "no faces", file) for file in files]
+    lost.insert(1, Failure("id", "IfcWall", "wall", "no faces", "b.ifc"))
+    lines = remarks(read_building(tmp_path / "box.ply")._replace(failures=tuple(lost), notes=("in metres",)))
+    assert lines == [
+        "b.ifc: without a shape: IfcWall 'wall' (id): no faces",
+        "note: in metres",
+        "without a shape: IfcBuildingElementProxy 'zero' of 3 files: no faces",
+    ]
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb"])

@@ -296,11 +296,18 @@ def _shapes(model: Any, products: list[Any]) -> tuple[dict[int, _Shape], dict[in
         try:
             made = ifcopenshell.geom.create_shape(settings, product, geometry_library=_KERNEL)
         except Exception as error:  # the geometry kernels raise whatever they like
-            reasons[product.id()] = " ".join(str(error).split())[:200] or type(error).__name__
+            reasons[product.id()] = _why(error, product)
         else:
             _keep(shapes, made)
             reasons[product.id()] = "its body has no faces"
     return shapes, reasons
+
+
+def _why(error: Exception, product: Any) -> str:
+    """What the library says before it lists the entities, and of which kind of representation."""
+    said = " ".join(str(error).split()).partition(" Product: ")[0].rstrip(".") or type(error).__name__
+    kinds = dict.fromkeys(one.RepresentationType or "?" for one in product.Representation.Representations or ())
+    return f"{said[:150]} ({', '.join(kinds)[:50]})"
 
 
 def _keep(shapes: dict[int, _Shape], made: Any) -> None:

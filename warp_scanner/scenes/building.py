@@ -237,35 +237,6 @@ def assemble(source: str, parts: list[Part], found: Found) -> Building:
     )  # fmt: skip
 
 
-def remarks(building: Building) -> list[str]:
-    """What a user must know of how the file was read, a line each: what is missing, flawed, left out or assumed."""
-    lines = []
-    for word, elements in (("without a shape", building.failures), ("not a solid", building.flaws)):
-        told = [line for alike in _alike(elements) for line in _told(word, alike)]
-        if elements is building.flaws and len(told) > MOST_NAMED:  # of a mesh without a solid they would hide all else
-            told[MOST_NAMED:] = [f"{word}: {len(told) - MOST_NAMED} more elements, for such reasons"]
-        lines += told
-    if building.zero_area:
-        lines.append(f"note: {building.zero_area} triangles without area were left out")
-    return lines + [f"note: {note}" for note in building.notes]
-
-
-def _alike(elements: tuple[Failure, ...]) -> list[list[Failure]]:
-    """Failures of one class and reason in one of several files together; each of an only file by itself."""
-    groups: dict[tuple, list[Failure]] = {}
-    for number, one in enumerate(elements):
-        groups.setdefault((one.file, one.ifc_class, one.reason) if one.file else (number,), []).append(one)
-    return list(groups.values())
-
-
-def _told(word: str, alike: list[Failure]) -> list[str]:
-    first = alike[0]
-    kind, where = first.ifc_class or "element", f"{first.file}: " if first.file else ""
-    if len(alike) > MOST_NAMED:
-        return [f"{where}{word}: {len(alike)} of the class {kind}: {first.reason}"]
-    return [f"{where}{word}: {kind} {one.name!r} ({one.guid}): {one.reason}" for one in alike]
-
-
 def bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest coordinates (3,) float32 [m] of all triangles."""
     used = np.zeros(len(triangles.vertices), bool)
