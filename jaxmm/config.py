@@ -167,6 +167,11 @@ class TrainConfig:
     validate_every: int = bounded(100, 1, MOST_COUNT)  # [steps]; a checkpoint is written at each validation
     calibrate: tuple[str, ...] = ("evidence",)  # methods whose probabilities are made frequencies, on validation rooms
     patience: int = bounded(10, 0, MOST_COUNT)  # validations without improvement after which a model stops; 0: never
+    # What a running average of the weights keeps of itself at each step; it is then what is validated, and what a
+    # training ends with. 0: the weights themselves.
+    average: float = bounded(0.0, 0.0, 0.9999)
+    # Of the rule's log-odds in the logits of `evidence`, which its network then corrects. 0: it starts from nothing.
+    rule_scale: float = bounded(0.0, 0.0, 10.0)
     map_models: str = one_of("map", "map", "vmap")  # one after the other, or side by side, inside the one step
 
     def __post_init__(self):
@@ -193,6 +198,7 @@ class PaperConfig:
     """What `jaxmm reproduce` makes beyond the eight rows of the individual models, when rows is "all"."""
 
     rows: str = one_of("individual", "individual", "all")  # of Table I; all: with everything below
+    seeds: int = bounded(1, 1, 9)  # trainings of every thesis network of Table I, from the run's seed on
     multi_rooms: int = bounded(40, 1, MOST_ROOMS)  # test rooms of each row with several changes
     buildings: int = bounded(20, 1, MOST_ROOMS)  # procedural ones, for the semi-real rows
     views: int = bounded(2, 1, 1000)  # of each building and row

@@ -173,6 +173,24 @@ class Results:
                 told[place] = f"{row['wrong_labels']:,} wrong labels of {row['positives']:,} positives ({place})"
         return "; ".join(told.values()) or "no pair"
 
+    def ranks_by_any_change(self) -> bool:
+        """Whether `evidence` ranks by the greater of the probabilities of pillars and of walls."""
+        return "evidence_ranks_by" in self.meta
+
+    def trainings(self) -> str:
+        """In words: how many trainings the rows are of, and what intervals are over."""
+        count = self.meta.get("trainings_per_network", 1)
+        if count == 1:
+            return (
+                "Each network was trained once. Intervals are over rooms, not over trainings, and views of one building"
+                " count as if they were of several."
+            )
+        return (
+            f"Each network of the thesis was trained {count} times: rows are means, and `table_1.md` tells the worst "
+            "and the best beside them. Intervals are over rooms, or over buildings where rooms are views of such. Of "
+            "`evidence` there is one training, the models that ship."
+        )
+
     def _behind(self, labels: str) -> list[dict[str, Any]]:
         return not_best([row for row in self.rows if row["label_kind"] == labels])
 

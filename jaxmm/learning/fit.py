@@ -16,7 +16,7 @@ from jaxmm.config import TRAINED_METHODS, Config
 from jaxmm.learning.batches import Batch, Sampler
 from jaxmm.learning.joint_training import Joint
 from jaxmm.learning.loading import batches
-from jaxmm.learning.model import Model
+from jaxmm.learning.model import Model, offset_of
 from jaxmm.learning.train_step import TrainState, Validation, init_all, train_step_all, validate_all
 
 Record = dict[str, Any]  # one validation, as a line of metrics.jsonl
@@ -56,7 +56,7 @@ def fit(
     for name in ("absl", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     states, size = _fresh(sampler, config), len(sampler.clouds)
-    best = jax.tree.map(jnp.copy, states.model)  # the step donates the states, and would take these along
+    best = jax.tree.map(jnp.copy, states.shown)  # the step donates the states, and would take these along
     progress = Progress(states, best, jnp.full(size, jnp.inf), jnp.zeros(size, jnp.int32))
     options = ocp.CheckpointManagerOptions(
         max_to_keep=1, enable_async_checkpointing=False, create=True, cleanup_tmp_directories=True
@@ -74,7 +74,7 @@ def fit(
             losses.append(loss)
             step += 1
             if step % config.train.validate_every == 0 or step == config.train.step_count:
-                result = validate_all(progress.states.model, validation, config)
+                result = validate_all(progress.states.shown, validation, config)
                 progress = keep_best(progress, result.loss, config.train.patience)
                 records.append(_record(sampler.method, step, np.mean(losses, axis=0), result))
                 losses = []
@@ -87,7 +87,8 @@ def _fresh(sampler: Sampler | Joint, config: Config) -> TrainState:
     if isinstance(sampler, Joint):
         return sampler.states(config)
     key = jax.random.fold_in(jax.random.key(config.seed), list(TRAINED_METHODS).index(sampler.method))
-    return init_all(key, TRAINED_METHODS[sampler.method], config, len(sampler.clouds))
+    rule = offset_of(sampler.method, sampler.scenarios, config.train)
+    return init_all(key, TRAINED_METHODS[sampler.method], config, len(sampler.clouds), rule)
 
 
 @partial(jax.jit, static_argnames="patience")
@@ -99,7 +100,7 @@ def keep_best(progress: Progress, loss: jax.Array, patience: int) -> Progress:
     def choose(new, old):
         return jnp.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
-    best = jax.tree.map(choose, progress.states.model, progress.best)
+    best = jax.tree.map(choose, progress.states.shown, progress.best)
     stale = jnp.where(better, 0, progress.stale + ~stopped)
     return Progress(progress.states, best, choose(loss, progress.best_loss), stale)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxmm.config import NetworkConfig
 from jaxmm.learning.model import Model
+from jaxmm.rays.rule import rule_logits
 
 EPSILON = 1e-5  # of the normalisation, as in fused_layers
 BLOCK = 4096  # points at once: what a layer makes of them stays in the processor's cache
@@ -70,4 +71,6 @@ def logits(model: Model, features: np.ndarray, network: NetworkConfig) -> np.nda
         for layer in head:
             x = layer(x)
         found[part] = (x @ kernel)[:, 0] + bias
+    if model.offset is not None:
+        found += np.float32(model.offset.scale) * rule_logits(features, model.offset.removed)
     return found

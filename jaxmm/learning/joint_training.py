@@ -9,6 +9,7 @@ Axes: S entries, B clouds, N points, F features of the widest entry.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -17,8 +18,8 @@ import numpy as np
 
 from jaxmm.config import SCENARIOS, TRAINED_METHODS, Config
 from jaxmm.learning.batches import Batch, LabelledCloud, Sampler, validation_batch
-from jaxmm.learning.model import Model
-from jaxmm.learning.train_step import TrainState, init_all, optimizer
+from jaxmm.learning.model import Model, Offset, offset_of
+from jaxmm.learning.train_step import TrainState, init_all, started
 
 FIRST = "conv1"  # the only layer whose kernel knows the number of features
 
@@ -79,17 +80,21 @@ class Joint(NamedTuple):
         """Fresh states (S, ...): each entry's weights are drawn for its own features, then widened."""
         width = max(TRAINED_METHODS[entry.method] for entry in self.entries)
         models = [_fresh(entry, config, width) for entry in self.entries]
+        if any(model.offset for model in models):  # where one corrects the rule, the others correct nothing
+            nothing = Offset(jnp.zeros(()), jnp.zeros(()))
+            models = [model._replace(offset=model.offset or nothing) for model in models]
         model = jax.tree.map(lambda *leaves: jnp.stack(leaves), *models)
-        return TrainState(model, jax.vmap(optimizer(config.train).init)(model.params))
+        return jax.vmap(partial(started, config=config))(model)
 
     def models(self, joint: Model) -> dict[str, Model]:
         """Trained models by `<name>/<scenario>`, each with its own number of features again."""
-        return {
-            f"{entry.name}/{entry.scenario}": _resized(
-                jax.tree.map(lambda leaf, row=row: np.asarray(leaf[row]), joint), TRAINED_METHODS[entry.method]
-            )
-            for row, entry in enumerate(self.entries)
-        }
+        found = {}
+        for row, entry in enumerate(self.entries):
+            own = jax.tree.map(lambda leaf, row=row: np.asarray(leaf[row]), joint)
+            if own.offset is not None and not own.offset.scale:
+                own = own._replace(offset=None)
+            found[f"{entry.name}/{entry.scenario}"] = _resized(own, TRAINED_METHODS[entry.method])
+        return found
 
 
 def stacked(batches: Sequence[Batch]) -> Batch:
@@ -111,8 +116,9 @@ def _fresh(entry: Entry, config: Config, width: int) -> Model:
     """First weights; they depend on seed, features and scenario alone, so that ablations start from the same."""
     key = jax.random.fold_in(jax.random.key(config.seed), list(TRAINED_METHODS).index(entry.method))
     key = jax.random.fold_in(key, entry.number)
-    alone = jax.tree.map(lambda leaf: leaf[0], init_all(key, TRAINED_METHODS[entry.method], config, 1).model)
-    return _resized(alone, width)
+    rule = offset_of(entry.method, (entry.number,), config.train)
+    states = init_all(key, TRAINED_METHODS[entry.method], config, 1, rule)
+    return _resized(jax.tree.map(lambda leaf: leaf[0], states.model), width)
 
 
 def _resized(model: Model, features: int) -> Model:

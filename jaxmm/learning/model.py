@@ -3,10 +3,20 @@
 S scenarios: the leading axis of every array of a stacked model.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from jaxmm.config import SCENARIOS, NetworkConfig
+import numpy as np
+
+from jaxmm.config import SCENARIOS, NetworkConfig, TrainConfig
 from jaxmm.learning.calibration import Calibration
+
+
+class Offset(NamedTuple):
+    """The rule's share of a model's logits, which the network corrects; (S,) when stacked."""
+
+    removed: Any  # () float32, 1 where the model judges points of the prior, which may be gone
+    scale: Any  # () float32, of the rule's log-odds
 
 
 class Model(NamedTuple):
@@ -15,6 +25,7 @@ class Model(NamedTuple):
     params: Any  # pytree of float arrays
     batch_stats: Any  # pytree of float arrays: running mean and variance of each normalisation
     calibration: Calibration | None = None  # of the logits, once training is over; None: as they are
+    offset: Offset | None = None  # None: the network's logits are all
 
 
 def pick_model(stacked: Model, scenario: str) -> Model:
@@ -27,7 +38,16 @@ def pick_model(stacked: Model, scenario: str) -> Model:
         return part[index]
 
     own = stacked.calibration and Calibration(*(picked(knots) for knots in stacked.calibration))
-    return Model(picked(stacked.params), picked(stacked.batch_stats), own)
+    offset = stacked.offset and Offset(*(picked(part) for part in stacked.offset))
+    return Model(picked(stacked.params), picked(stacked.batch_stats), own, offset)
+
+
+def offset_of(method: str, scenarios: Sequence[int], config: TrainConfig) -> Offset | None:
+    """Where the rule stands in the models of a method, for some scenarios by their numbers; None where it does not."""
+    if method != "evidence" or not config.rule_scale:
+        return None
+    removed = [SCENARIOS[number].endswith("removed") for number in scenarios]
+    return Offset(np.array(removed, np.float32), np.full(len(removed), config.rule_scale, np.float32))
 
 
 def shapes_of(features: int, network: NetworkConfig) -> dict[tuple[str, ...], tuple[int, ...]]:

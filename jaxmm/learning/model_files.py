@@ -12,14 +12,15 @@ from jaxmm.config import SCENARIOS, TRAINED_METHODS, Config, parse
 from jaxmm.files import write_atomically
 from jaxmm.inputs import InputError, clipped, one_line
 from jaxmm.learning.calibration import KNOTS, Calibration
-from jaxmm.learning.model import Model, shapes_of
+from jaxmm.learning.model import Model, Offset, offset_of, shapes_of
 from jaxmm.run_folder import MODELS, as_table, read_config
 
 
 def save_models(path: Path, models: dict[str, Model], config: Config) -> None:
     """Export trained models: tensors `<method>/params|batch_stats/<layer>/<name>`, S on axis 0; and the settings.
 
-    Calibrated ones also have `<method>/calibration/logit|calibrated`.
+    Calibrated ones also have `<method>/calibration/logit|calibrated`, those that correct the rule
+    `<method>/offset/removed|scale`.
     """
     nested = {method: _as_dict(model) for method, model in models.items()}
     tensors = {"/".join(key): np.ascontiguousarray(value) for key, value in _flat(nested).items()}
@@ -59,11 +60,14 @@ def load_models(path: Path) -> tuple[dict[str, Model], Config]:
         raise InputError(f"{path}: expected the tensors of {', '.join(methods)} as its settings say, found others")
     if not all(np.isfinite(value).all() for value in tensors.values()):
         raise InputError(f"{path}: expected finite numbers, got NaN or infinity")
-    models = {}
-    for method, parts in _nested(tensors).items():
-        knots = parts.pop("calibration", None)
-        models[method] = Model(**parts, calibration=knots and Calibration(**knots))
-    return models, config
+    return {method: model_of(parts) for method, parts in _nested(tensors).items()}, config
+
+
+def model_of(parts: dict[str, Any]) -> Model:
+    """A model of its parts by name, as a file holds them."""
+    knots, offset = parts.get("calibration"), parts.get("offset")
+    more = (knots and Calibration(**knots), offset and Offset(**offset))
+    return Model(parts["params"], parts["batch_stats"], *more)
 
 
 def _expected(methods: list[str], config: Config) -> dict[tuple[str, ...], tuple[tuple[int, ...], np.dtype]]:
@@ -75,6 +79,8 @@ def _expected(methods: list[str], config: Config) -> dict[tuple[str, ...], tuple
     }
     calibrated = (method for method in methods if method in config.train.calibrate)
     shapes |= {(method, "calibration", name): (KNOTS,) for method in calibrated for name in Calibration._fields}
+    correcting = (method for method in methods if offset_of(method, (0,), config.train) is not None)
+    shapes |= {(method, "offset", name): () for method in correcting for name in Offset._fields}
     return {name: ((len(SCENARIOS), *shape), np.dtype(np.float32)) for name, shape in shapes.items()}
 
 
@@ -98,6 +104,7 @@ def _nested(flat: dict[tuple[str, ...], np.ndarray]) -> dict[str, Any]:
 
 
 def _as_dict(model: Model) -> dict[str, Any]:
-    """Its parts, without a calibration that is not there."""
+    """Its parts, without those that are not there."""
     parts = {"params": model.params, "batch_stats": model.batch_stats}
-    return parts if model.calibration is None else parts | {"calibration": model.calibration._asdict()}
+    more = {"calibration": model.calibration, "offset": model.offset}
+    return parts | {name: part._asdict() for name, part in more.items() if part is not None}

@@ -56,25 +56,37 @@ def _row(scenario, condition, label_kind, method, rooms: list[Room], config: Eva
 
 
 def row_of(names: dict[str, str], rooms: list[Room], config: EvaluateConfig, reported: dict | None) -> Row:
-    """One row out of the scores of its rooms; `names` are its NAMES."""
+    """One row out of the scores of its rooms; `names` are its NAMES.
+
+    Rooms that are views of one `place` are drawn together for intervals: they say less than as many places.
+    """
     scored = [room for room in rooms if room["positives"] >= config.least_positives and room["roc_auc"] is not None]
     row = dict(names)
     interval: dict[str, list[float] | None] = {}
     for metric in METRICS:
         values = np.array([[room[metric], 1.0] for room in scored])
-        row[metric], interval[metric] = _ratio(values, config.resamples)
-    told = [room["observable_fraction"] for room in rooms if room["observable_fraction"] is not None]
-    shares = np.array([[fraction, 1.0] for fraction in told])
-    row["observable_share"], interval["observable_share"] = _ratio(shares, config.resamples)
+        row[metric], interval[metric] = _ratio(_by_place(values, scored), config.resamples)
+    told = [room for room in rooms if room["observable_fraction"] is not None]
+    shares = np.array([[room["observable_fraction"], 1.0] for room in told])
+    row["observable_share"], interval["observable_share"] = _ratio(_by_place(shares, told), config.resamples)
     for metric, total in zip(BOX_METRICS, ("boxes_found", "boxes_true"), strict=True):
         counts = np.array([[room["boxes_matched"], room[total]] for room in rooms], float)
-        row[metric], interval[metric] = _ratio(counts, config.resamples)
+        row[metric], interval[metric] = _ratio(_by_place(counts, rooms), config.resamples)
     row["scene_count"] = len(scored)
     row["room_count"] = len(rooms)
     row["left_out_share"] = 1 - len(scored) / max(len(rooms), 1)
     row["ci95"] = interval
     row["reported"] = reported
     return row
+
+
+def _by_place(counts: np.ndarray, rooms: list[Room]) -> np.ndarray:
+    """Counts (R, 2) added up over the rooms of each place, where rooms tell one."""
+    places = [room.get("place") or number for number, room in enumerate(rooms)]
+    if len(set(places)) == len(places):
+        return counts
+    number = np.unique(list(map(str, places)), return_inverse=True)[1]
+    return np.column_stack([np.bincount(number, column) for column in counts.T])
 
 
 def _ratio(counts: np.ndarray, resamples: int) -> tuple[float | None, list[float] | None]:
@@ -160,7 +172,10 @@ def _block(rows: list[Row], label_kind: str, metric: str, line: Callable[[list[s
         return ""
     methods = list(dict.fromkeys(row["method"] for row in rows))
     header = ["test case", "rooms", "reported", *methods]
-    lines = [f"{LABEL_TITLES[label_kind]}: {SHOWN[metric]}, with its 95 % interval over rooms", "", line(header)]
+    title = f"{LABEL_TITLES[label_kind]}: {SHOWN[metric]}, with its 95 % interval over rooms"
+    if counts := [row["trainings"]["count"] for row in rows if row.get("trainings")]:
+        title += f"; in brackets the worst and the best of {max(counts)} trainings"
+    lines = [title, "", line(header)]
     lines += [line(["---"] * len(header))] if line is _markdown_line else []
     for (test_case, condition), group in itertools.groupby(rows, lambda row: (row["test_case"], row["condition"])):
         by_method = {row["method"]: row for row in group}
@@ -194,7 +209,9 @@ def _measured(row: Row | None, metric: str) -> str:
     # Rounded outwards, so that what is printed of an interval holds the value printed beside it.
     low, high = row["ci95"][metric]
     low, high = math.floor(low * 1000 + 1e-6) / 1000, math.ceil(high * 1000 - 1e-6) / 1000
-    return f"{_number(row[metric])} {low + 0.0:.3f}-{high + 0.0:.3f}"
+    seeds = (row.get("trainings") or {}).get(metric)
+    of_seeds = f" [{_number(seeds[0])}-{_number(seeds[1])}]" if seeds else ""
+    return f"{_number(row[metric])} {low + 0.0:.3f}-{high + 0.0:.3f}{of_seeds}"
 
 
 def _number(value: float | None) -> str:

@@ -59,12 +59,15 @@ def find_boxes(points: np.ndarray, score: np.ndarray, scenario: str, method: str
     return fit_boxes(points, probability, scenario.split("_")[0], settings)
 
 
-def score_room(cloud: LabelledCloud, truth: RoomTruth, scenario: str, scores: dict[str, np.ndarray], config: Config):
-    """Everything a table needs of one room, as JSON."""
+def score_room(
+    cloud: LabelledCloud, truth: RoomTruth, scenario: str, scores: dict[str, np.ndarray], config: Config,
+    boxed: dict[str, np.ndarray] | None = None,
+):  # fmt: skip
+    """Everything a table needs of one room, as JSON; `boxed` are scores by which a method's boxes are found instead."""
     labels = {kind: labels_of(cloud, kind) for kind in LABEL_KINDS}
     methods = {}
     for method, score in scores.items():
-        boxes = find_boxes(cloud.points, score, scenario, method, config)
+        boxes = find_boxes(cloud.points, (boxed or {}).get(method, score), scenario, method, config)
         right = {match.found for match in match_boxes(boxes, truth.boxes)}
         methods[method] = {
             "boxes": [box_as_json(box, scenario) | {"right": i in right} for i, box in enumerate(boxes)],

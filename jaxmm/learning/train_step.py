@@ -14,8 +14,9 @@ from jaxmm.config import Config, NetworkConfig, TrainConfig
 from jaxmm.learning.batches import Batch
 from jaxmm.learning.fused_layers import CLOUDS, total
 from jaxmm.learning.losses import LossSum, focal_loss
-from jaxmm.learning.model import Model
+from jaxmm.learning.model import Model, Offset
 from jaxmm.learning.network import PointNetwork, norm_of
+from jaxmm.rays.rule import rule_logits
 
 # Of XLA's CPU backend: with as many threads, among which it splits long sums, the same bits on every x86-64 processor
 # with AVX2 (tests/learning/test_same_anywhere.py). No option has a promise to stay, so other versions than the measured
@@ -28,6 +29,12 @@ class TrainState(NamedTuple):
 
     model: Model
     opt_state: optax.OptState
+    average: Model | None = None  # running average of the weights and statistics so far; None: not kept
+
+    @property
+    def shown(self) -> Model:
+        """What is validated, and kept in the end."""
+        return self.model if self.average is None else self.average
 
 
 class Validation(NamedTuple):
@@ -64,13 +71,25 @@ def init_model(key: jax.Array, feature_count: int, config: NetworkConfig) -> Mod
     return Model(variables["params"], variables["batch_stats"])
 
 
-def init(key: jax.Array, feature_count: int, config: Config) -> TrainState:
-    """Fresh state of one model."""
+def init(key: jax.Array, feature_count: int, config: Config, rule: Offset | None = None) -> TrainState:
+    """Fresh state of one model; with a rule its network does not yet correct it."""
     model = init_model(key, feature_count, config.network)
-    return TrainState(model, optimizer(config.train).init(model.params))
+    if rule is not None:
+        last = f"seg_conv{len(config.network.head) + 1}"
+        silent = jax.tree.map(jnp.zeros_like, model.params[last])
+        model = model._replace(params=model.params | {last: silent}, offset=rule)
+    return started(model, config)
 
 
-def batch_loss(params: Any, batch_stats: Any, batch: Batch, config: Config) -> tuple[jax.Array, Any]:
+def started(model: Model, config: Config) -> TrainState:
+    """The state in which the training of a model begins; an average starts from its first weights."""
+    average = jax.tree.map(jnp.copy, model) if config.train.average else None
+    return TrainState(model, optimizer(config.train).init(model.params), average)
+
+
+def batch_loss(
+    params: Any, batch_stats: Any, batch: Batch, config: Config, rule: Offset | None = None
+) -> tuple[jax.Array, Any]:
     """Mean focal loss [nat] over the scored points of one model's clouds, and the updated running statistics."""
     network = PointNetwork(config.network)
 
@@ -81,17 +100,32 @@ def batch_loss(params: Any, batch_stats: Any, batch: Batch, config: Config) -> t
     # Statistics are sums over the named axis, hence the same for every cloud: out_axes None takes them once.
     over_clouds = jax.vmap(one_cloud, axis_name=CLOUDS, out_axes=(0, None))
     logits, updated = over_clouds(batch.features, batch.mask, batch.seeds)
+    logits = _corrected(logits, batch.features, rule)
     losses = jax.vmap(partial(focal_loss, config=config.loss))(logits, batch.labels, batch.scored)
     return _mean(losses), updated["batch_stats"]
 
 
 def train_step(state: TrainState, batch: Batch, config: Config) -> tuple[TrainState, jax.Array]:
     """One gradient step of one model (batch without the S axis). Pure: same inputs, same outputs."""
-    model, opt_state = state
+    model, opt_state, average = state
     of_loss = jax.value_and_grad(batch_loss, has_aux=True)
-    (loss, batch_stats), gradient = of_loss(model.params, model.batch_stats, batch, config)
+    (loss, batch_stats), gradient = of_loss(model.params, model.batch_stats, batch, config, model.offset)
     updates, opt_state = optimizer(config.train).update(gradient, opt_state, model.params)
-    return TrainState(Model(optax.apply_updates(model.params, updates), batch_stats), opt_state), loss
+    model = model._replace(params=optax.apply_updates(model.params, updates), batch_stats=batch_stats)
+    if average is not None:
+        average = _averaged(average, model, config.train.average)
+    return TrainState(model, opt_state, average), loss
+
+
+def _averaged(average: Model, model: Model, kept: float) -> Model:
+    """One step of the running average of all that changes."""
+
+    def mixed(old: Any, new: Any) -> Any:
+        return jax.tree.map(lambda a, b: kept * a + (1 - kept) * b, old, new)
+
+    return model._replace(
+        params=mixed(average.params, model.params), batch_stats=mixed(average.batch_stats, model.batch_stats)
+    )
 
 
 def validate(model: Model, batch: Batch, config: Config) -> Validation:
@@ -111,13 +145,22 @@ def validate(model: Model, batch: Batch, config: Config) -> Validation:
 def logits_of(model: Model, features: jax.Array, mask: jax.Array, config: NetworkConfig) -> jax.Array:
     """Logits (N,) of one cloud, by running statistics and without dropout."""
     variables = {"params": model.params, "batch_stats": model.batch_stats}
-    return PointNetwork(config).apply(variables, features, mask, train=False)
+    logits = PointNetwork(config).apply(variables, features, mask, train=False)
+    return _corrected(logits, features, model.offset)
+
+
+def _corrected(logits: jax.Array, features: jax.Array, rule: Offset | None) -> jax.Array:
+    """The network's logits (..., N), as a correction of the rule's where there are such."""
+    return logits if rule is None else logits + rule.scale * rule_logits(features, rule.removed, jnp)
 
 
 @partial(jax.jit, static_argnames=("feature_count", "config", "count"))
-def init_all(key: jax.Array, feature_count: int, config: Config, count: int = 4) -> TrainState:
-    """States of all S models, stacked."""
-    return jax.vmap(partial(init, feature_count=feature_count, config=config))(jax.random.split(key, count))
+def init_all(
+    key: jax.Array, feature_count: int, config: Config, count: int = 4, rule: Offset | None = None
+) -> TrainState:
+    """States of all S models, stacked, as is the rule (S,)."""
+    one = partial(init, feature_count=feature_count, config=config)
+    return jax.vmap(lambda own, offset: one(own, rule=offset))(jax.random.split(key, count), rule)
 
 
 @partial(jax.jit, static_argnames="config", donate_argnames="states", compiler_options=COMPILER_OPTIONS)

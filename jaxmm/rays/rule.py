@@ -1,10 +1,14 @@
 """The rule: pooled evidence without any learning, the control of the evidence method. N points, F features."""
 
+from types import ModuleType
+from typing import Any
+
 import numpy as np
 
 from jaxmm.rays.evidence import FEATURES
 
 RULE = "rule"
+SOFT = 0.01  # that is added to both sides of the odds: a score of 0 or 1 is not beyond all doubt
 _AT = {name: column for column, name in enumerate(FEATURES)}
 
 
@@ -19,10 +23,34 @@ def rule_scores(features: np.ndarray, *, removed: bool) -> np.ndarray:
         features: (N, F).
         removed: whether the points are the prior's, and may be gone, or the robot's, and may be new.
     """
-    at = {name: features[:, column] for name, column in _AT.items()}
-    if removed:
-        pooled = at["pool through"] / (at["pool through"] + at["pool support"] + 0.02)
-        return np.where(at["pooled"] > 0, pooled, 0.5 * at["through"]).astype(np.float32)
-    upright = np.clip(at["column high"] - 2.0 * at["column ceiling gap"], 0.0, 1.0)
-    new = (at["blocked"] + at["unseen"]) * np.clip(at["apart"] / 0.1, 0.0, 1.0)
-    return (new * (0.1 + 0.9 * upright)).astype(np.float32)
+    return (_gone if removed else _new)(features, np).astype(np.float32)
+
+
+def rule_logits(features: Any, removed: Any, arrays: ModuleType = np) -> Any:
+    """Log-odds (..., N) of the rule's scores s, as log((s + SOFT) / (1 - s + SOFT)): finite, and in the same order.
+
+    Args:
+        features: (..., N, F), as of `rule_scores`.
+        removed: () whether the points are the prior's; it may be known only when compiled code runs.
+        arrays: the module that computes, NumPy or one of its kind.
+    """
+    score = arrays.where(removed, _gone(features, arrays), _new(features, arrays))
+    score = arrays.clip(score, 0.0, 1.0)  # of features that are no evidence nothing is promised but a number
+    return arrays.log((score + SOFT) / (1.0 - score + SOFT))
+
+
+def _gone(features: Any, arrays: ModuleType) -> Any:
+    at = _columns(features)
+    pooled = at["pool through"] / (at["pool through"] + at["pool support"] + 0.02)
+    return arrays.where(at["pooled"] > 0, pooled, 0.5 * at["through"])
+
+
+def _new(features: Any, arrays: ModuleType) -> Any:
+    at = _columns(features)
+    upright = arrays.clip(at["column high"] - 2.0 * at["column ceiling gap"], 0.0, 1.0)
+    new = (at["blocked"] + at["unseen"]) * arrays.clip(at["apart"] / 0.1, 0.0, 1.0)
+    return new * (0.1 + 0.9 * upright)
+
+
+def _columns(features: Any) -> dict[str, Any]:
+    return {name: features[..., column] for name, column in _AT.items()}

@@ -41,11 +41,12 @@ def clouds(seed):
     return [made[:3], made[3:]]
 
 
-def run(folder, report=lambda step, records: None):
-    train = CONFIG.train
-    sampler = Sampler(clouds(0), "nn", train.labels, train.batch_size, train.points_per_cloud, 1, CONFIG.seed)
+def run(folder, report=lambda step, records: None, config=None):
+    config = config or CONFIG
+    train = config.train
+    sampler = Sampler(clouds(0), "nn", train.labels, train.batch_size, train.points_per_cloud, 1, config.seed)
     held_out = validation_batch(clouds(1), "nn", train.labels, train.points_per_cloud)
-    return (*fit(sampler, held_out, CONFIG, folder, report), held_out)
+    return (*fit(sampler, held_out, config, folder, report), held_out)
 
 
 def assert_same(a, b):
@@ -93,6 +94,25 @@ def test_an_interrupted_run_goes_on_to_the_same_bits(tmp_path, undisturbed, at):
     steps = []
     again, again_records, _ = run(tmp_path, report=lambda step, records: steps.append(step))
     assert steps[0] == (at if at == 13 else at // 3 * 3) and steps[-1] == 13  # nothing is trained twice
+    assert_same(again, best)
+    assert again_records == records
+
+
+def test_an_average_is_what_is_validated_and_kept_and_goes_on_to_the_same_bits(tmp_path, undisturbed):
+    config = dataclasses.replace(CONFIG, train=dataclasses.replace(CONFIG.train, average=0.7))
+    best, records, held_out = run(tmp_path / "whole", config=config)
+    least = np.min([record["validation_loss"] for record in records], axis=0)
+    np.testing.assert_allclose(validate_all(best, held_out, config).loss, least, rtol=1e-6)
+    assert records[-1]["train_loss"] == undisturbed[1][-1]["train_loss"]  # the training itself is the same
+    assert records[-1]["validation_loss"] != undisturbed[1][-1]["validation_loss"]
+
+    def stop(step, records):
+        if step == 8:
+            raise Killed
+
+    with pytest.raises(Killed):
+        run(tmp_path / "killed", stop, config)
+    again, again_records, _ = run(tmp_path / "killed", config=config)
     assert_same(again, best)
     assert again_records == records
 

@@ -191,3 +191,22 @@ def test_biases_that_a_normalisation_cancels_keep_still():
         moved = {leaf: largest_difference(before[leaf], after.model.params[layer][leaf]) > 0 for leaf in before}
         cancelled = "conv" in layer and layer != "seg_conv3"
         assert moved == {leaf: not (leaf == "bias" and cancelled) for leaf in before}, layer
+
+
+def test_the_running_average_is_the_sum_that_its_formula_says():
+    """After n steps: kept^n times the first weights, and (1 - kept) kept^(n - k) times those after step k."""
+    kept, count = 0.8, 6
+    config = dataclasses.replace(CONFIG, train=dataclasses.replace(CONFIG.train, average=kept))
+    states = init_all(jax.random.key(0), 1, config=config)
+    plain = init_all(jax.random.key(0), 1)
+    expected = jax.tree.map(lambda leaf: kept**count * np.asarray(leaf, np.float64), states.model)
+    for step in range(1, count + 1):
+        batch = random_batch(step)
+        states, _ = train_step.train_step_all(states, batch, config)
+        plain, _ = train_step.train_step_all(plain, batch, CONFIG)
+        share = (1 - kept) * kept ** (count - step)
+        expected = jax.tree.map(lambda sum_, leaf, w=share: sum_ + w * np.asarray(leaf), expected, states.model)
+    assert largest_difference(states.model, plain.model) < 1e-6  # it only looks on
+    assert largest_difference(states.average, expected) < 1e-6
+    assert largest_difference(states.average, states.model) > 1e-3
+    assert states.shown is states.average and plain.shown is plain.model

@@ -79,6 +79,12 @@ def test_the_run_folder_holds_what_is_documented(finished, few_rows):
     entries = json.loads((finished / "stages" / "models" / "entries.json").read_text())
     assert set(entries) == set(networks) and len(entries) == len(networks)
     widths = {name: model.params["conv1"]["kernel"].shape[0] for name, model in networks.items()}
+    again = load_networks(finished, "models_1")  # the second seed
+    assert set(again) == set(networks)
+    kernels = [found["nn/pillar_removed"].params["conv1"]["kernel"] for found in (networks, again)]
+    assert (kernels[0] != kernels[1]).any()
+    told = {row["method"]: row["trainings"] for row in rows if row["test_case"] == "Wall Added"}
+    assert told["xyz_nn"]["count"] == 2 and told["rule"] is None and told["evidence"] is None
     assert widths["nn/pillar_removed"] == 1 and widths["xyz/pillar_removed"] == 3
     studies = json.loads((finished / "studies.json").read_text())["rows"]
     assert {row["study"] for row in studies} == {"furniture", "training rooms"}

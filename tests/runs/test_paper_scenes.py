@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 
 from jaxmm.config import Config, Table
+from jaxmm.learning.batches import LabelledCloud
+from jaxmm.learning.inference import predict
+from jaxmm.learning.model import pick_model
 from jaxmm.rays.evidence import FEATURES
 from jaxmm.runs.paper.rows import BUILDINGS, ROOMS, TestScenes
 from jaxmm.runs.paper.scenes import SIGMA, building_scenes, procedural_buildings, room_scenes, scan_errors, scenes_of
+from jaxmm.runs.paper.scores import default_judges, scores_of
 from warp_scanner.scenes.scenes import PILLAR, WALL
 
 SEED = 21  # neither trained, validated nor tested on
@@ -128,3 +132,22 @@ def test_evidence_of_a_building_tells_what_is_gone_and_what_is_new(buildings):
 def test_a_set_of_buildings_stops_where_it_was_asked_to(buildings):
     found = list(scenes_of(CONFIG, TestScenes(BUILDINGS, "wall_added", "clean"), ("wall_added",), 99))
     assert len(found) == 1
+
+
+def test_evidence_ranks_by_any_change_and_its_boxes_are_of_one_kind():
+    """A wall seen end-on looks like a pillar: what has changed is told by whichever of both models knows it."""
+    rng = np.random.default_rng(0)
+    features = rng.random((500, len(FEATURES))).astype(np.float32)
+    nothing = np.zeros(500)
+    cloud = LabelledCloud(np.zeros((500, 3)), nothing, nothing, nothing, nothing, nothing, features)
+    judges = default_judges(CONFIG, {})
+    for change in ("added", "removed"):
+        own = {
+            kind: predict(pick_model(judges.default, f"{kind}_{change}"), features, judges.default_network)
+            for kind in ("pillar", "wall")
+        }
+        assert (own["pillar"] > own["wall"]).any() and (own["pillar"] < own["wall"]).any()
+        for kind, expected in own.items():
+            scores, boxed = scores_of(cloud, f"{kind}_{change}", (), judges)
+            np.testing.assert_allclose(scores["evidence"], np.maximum(*own.values()), atol=1e-5)
+            np.testing.assert_allclose(boxed, expected, atol=1e-5)

@@ -154,3 +154,34 @@ def test_rows_that_are_not_won_are_told():
     lost["roc_auc"] -= 2 * tables.BEHIND
     (told,) = not_best(rows)
     assert told["test_case"] == lost["test_case"] and told["roc_auc"] - told["evidence"] > tables.BEHIND
+
+
+def test_a_row_of_several_trainings_tells_how_far_they_are_apart():
+    """The mean over trainings in each room; its interval is over rooms, that of trainings stands beside it."""
+    nn = {"nn": (0.9, 0.7), "nn@1": (0.8, 0.6), "nn@2": (1.0, 0.5)}  # by room
+    scenes = []
+    for room in range(2):
+        sides = {"pillar_added": side(0.5)}
+        own = {name: sides["pillar_added"]["methods"]["nn"] | {"metrics": side(aucs[room])["methods"]["nn"]["metrics"]}
+               for name, aucs in nn.items()}  # fmt: skip
+        sides["pillar_added"]["methods"] = sides["pillar_added"]["methods"] | own
+        scenes.append(scene(**sides))
+    row = row_of(PILLARS, scenes)
+    assert row["roc_auc"] == pytest.approx(0.75) and row["scene_count"] == 2
+    assert row["trainings"]["count"] == 3 and row["trainings"]["roc_auc"] == pytest.approx([0.7, 0.8])
+    assert row["ci95"]["roc_auc"] == pytest.approx([0.6, 0.9])  # of means 0.9 and 0.6, by room
+    assert row["box_precision"] == 1.0
+    assert row_of(PILLARS, scenes, method="rule")["trainings"] is None
+    assert "0.7500 0.600-0.900 [0.7000-0.8000]" in as_markdown(
+        rows_of(PILLARS, scenes, CONFIG, ("generated rooms", None))
+    )
+
+
+def test_views_of_one_building_are_drawn_together():
+    row = next(row for row in TABLE_1 if row.scenes.kind == "buildings" and row.models == ("wall_added",))
+    places = {"a": 0.5, "b": 1.0}
+    scenes = [scene(wall_added=side(auc)) | {"place": place} for place, auc in places.items() for _ in range(50)]
+    assert row_of(row, scenes)["ci95"]["roc_auc"] == [0.5, 1.0]  # two buildings, whatever the views
+    apart = row_of(row, [one | {"place": ""} for one in scenes])
+    assert apart["roc_auc"] == 0.75 and apart["ci95"]["roc_auc"][0] > 0.6
+    assert row_of(row, [one | {"place": "a"} for one in scenes])["ci95"]["roc_auc"] is None

@@ -1,8 +1,8 @@
 """The thesis networks behind Table I: every training that its rows need, as one joint training.
 
-Two stages of the run folder: `clouds` (training and validation rooms, scanned and labelled) and `models`, which holds
+Stages of the run folder: `clouds` (training and validation rooms, scanned and labelled) and `models`, which holds
 `models.safetensors` (`<training>/<scenario>/...`, keys of paper_rows.TRAININGS), `entries.json` (their order) and
-`metrics.jsonl` (one line a validation, lists in that order).
+`metrics.jsonl` (one line a validation, lists in that order). `models_1` and so on are the same with further seeds.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ from jaxmm.inputs import InputError
 from jaxmm.learning import model_files
 from jaxmm.learning.joint_training import Entry, Joint
 from jaxmm.learning.model import Model
-from jaxmm.runs.paper.rows import TRAININGS, Training, needed_models
+from jaxmm.runs.paper.rows import TRAININGS, Training, again, needed_models
 from jaxmm.runs.stages import Stage, key_of, open_stage, stage_folder
 from jaxmm.runs.training_stage import fitted, training_clouds
 
@@ -45,28 +45,51 @@ def clouds_stage(config: Config) -> Stage:
 
 
 def models_stage(config: Config) -> Stage:
-    """The joint training."""
+    """The joint training with the first seed."""
+    return _models_stage(config, 0)
+
+
+def models_key(config: Config) -> str:
+    """Key of all trainings together."""
+    return " ".join(key_of(_models_stage(config, number)) for number in range(config.paper.seeds))
+
+
+def _models_stage(config: Config, number: int) -> Stage:
+    config = dataclasses.replace(config, seed=config.seed + number)
     needed = [[*one, *TRAININGS[one[0]]] for one in needed_models()]
     settings = as_settings(config, "seed", "network", "loss", "train") | {"entries": needed}
     for name in ("methods", "labels", "augment", "calibrate"):  # the rows say that
         del settings["train"][name]
-    return Stage(MODELS, settings, ("jaxmm.learning.fit",), WORDS, (key_of(clouds_stage(config)),))
+    name = f"{MODELS}_{number}" if number else MODELS
+    return Stage(name, settings, ("jaxmm.learning.fit",), WORDS, (key_of(clouds_stage(config)),))
 
 
 def trained_networks(config: Config, run: Path) -> dict[str, Model]:
-    """Train all of them, or take them from the run folder: models by `<training>/<scenario>`."""
-    folder = open_stage(run, models_stage(config))
+    """Train all of them with each seed, or take them from the run folder: models by `<training>/<scenario>`.
+
+    Of further seeds the name of the training is that of `rows.again`.
+    """
+    found = {}
+    for number in range(config.paper.seeds):
+        stage = _models_stage(config, number)
+        _train(dataclasses.replace(config, seed=config.seed + number), run, open_stage(run, stage), number)
+        for name, model in load_networks(run, stage.name).items():
+            training, scenario = name.split("/")
+            found[f"{again(training, number)}/{scenario}"] = model
+    return found
+
+
+def _train(config: Config, run: Path, folder: Path, number: int) -> None:
+    """Train the networks of one seed, unless they are there."""
     path = folder / run_folder.MODELS
-    if not path.exists():
-        joint = Joint(
-            _entries(config, run), "joint", config.train.batch_size, config.train.points_per_cloud, config.seed
-        )
-        write_json(folder / ENTRIES, [f"{entry.name}/{entry.scenario}" for entry in joint.entries])
-        label = f"train {len(joint.entries)} thesis networks, one step"
-        best, records = fitted(joint, joint.validation(), config, folder, (label, []))
-        run_folder.write_records(folder, records)
-        model_files.save_models(path, joint.models(best), config)
-    return load_networks(run)
+    if path.exists():
+        return
+    joint = Joint(_entries(config, run), "joint", config.train.batch_size, config.train.points_per_cloud, config.seed)
+    write_json(folder / ENTRIES, [f"{entry.name}/{entry.scenario}" for entry in joint.entries])
+    label = f"train {len(joint.entries)} thesis networks, one step" + f", seed {config.seed}" * bool(number)
+    best, records = fitted(joint, joint.validation(), config, folder, (label, []))
+    run_folder.write_records(folder, records)
+    model_files.save_models(path, joint.models(best), config)
 
 
 def load_networks(run: Path, stage: str = MODELS) -> dict[str, Model]:
@@ -82,7 +105,7 @@ def load_networks(run: Path, stage: str = MODELS) -> dict[str, Model]:
     except (safetensors.SafetensorError, OSError) as error:
         raise InputError(f"{path}: expected whole models of the run, found none; {REMEDY}") from error
     return {
-        f"{training}/{scenario}": Model(**parts)
+        f"{training}/{scenario}": model_files.model_of(parts)
         for training, scenarios in unflatten_dict(tensors).items()
         for scenario, parts in scenarios.items()
     }

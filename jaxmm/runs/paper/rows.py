@@ -4,6 +4,7 @@ The 54 rows of the thesis in its order, then sensor noise, which it tells in wor
 what it trained in sections II-D and III-E to III-H; where it leaves something open, a comment says what was chosen.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from jaxmm.config import CONDITIONS, SCENARIOS
@@ -68,6 +69,19 @@ class Row(NamedTuple):
     def method(self) -> str:
         """Name of the thesis network's method in the table: its features."""
         return TRAININGS[self.training].features
+
+
+AGAIN = "@"  # between the name of a training and the number of its seed, where that is not the first
+
+
+def repeated(trainings: Iterable[str], seeds: int) -> tuple[str, ...]:
+    """Names of all trainings, each with so many seeds."""
+    return tuple(again(name, number) for name in trainings for number in range(seeds))
+
+
+def again(training: str, number: int) -> str:
+    """Name of a training with seed `number` after the run's own."""
+    return f"{training}{AGAIN}{number}" if number else training
 
 
 def titled(name: str) -> str:

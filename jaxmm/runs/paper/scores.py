@@ -2,7 +2,8 @@
 
 Each set of test scenes is a stage `rooms/<set>` with `rooms.json`, a list of rooms {"room", "place", "sides":
 {scenario: evaluate.score_room}}, and `example.npz`: of the first scene that shows enough of every change, all that a
-figure may want. Methods there are `nn-raw`, `rule`, names of trainings, and `evidence` with the models that ship.
+figure may want. Methods there are `nn-raw`, `rule`, names of trainings, and `evidence` with the models that ship: the
+greater of what those for pillars and for walls say of a point, as in `jaxmm detect`; its boxes are of the one kind.
 """
 
 import hashlib
@@ -23,7 +24,19 @@ from jaxmm.learning.room_scores import CONTROL, predict, score_room
 from jaxmm.progress import progress
 from jaxmm.rays.rule import RULE, rule_scores
 from jaxmm.runs.paper.models import WORDS, as_settings
-from jaxmm.runs.paper.rows import ALIGNED, BUILDINGS, LABEL_NOISE, MULTI, ROOMS, TRAININGS, Row, TestScenes, sets_of
+from jaxmm.runs.paper.rows import (
+    AGAIN,
+    ALIGNED,
+    BUILDINGS,
+    LABEL_NOISE,
+    MULTI,
+    ROOMS,
+    TRAININGS,
+    Row,
+    TestScenes,
+    repeated,
+    sets_of,
+)
 from jaxmm.runs.paper.scenes import Scene, building_scenes, ifc_files, read_file, scenes_of
 from jaxmm.runs.stages import Stage, open_stage
 from jaxmm.weights import DEFAULT
@@ -74,6 +87,11 @@ def trainings_of(scenes: TestScenes, rows: Iterable[Row]) -> dict[str, tuple[str
     return {name: tuple(sorted(set(found), key=order.index)) for name, found in asked.items() if found}
 
 
+def _all_trainings(config: Config, scenes: TestScenes, rows: Iterable[Row]) -> dict[str, tuple[str, ...]]:
+    """The same with every seed."""
+    return {name: repeated(own, config.paper.seeds) for name, own in trainings_of(scenes, rows).items()}
+
+
 def room_count(config: Config, rows: Iterable[Row]) -> int:
     """How many test rooms a set has."""
     return config.paper.multi_rooms if any(row.section == MULTI for row in rows) else config.data.test_rooms
@@ -83,7 +101,7 @@ def set_stage(config: Config, scenes: TestScenes, rows: tuple[Row, ...], models:
     """The stage of one set; `models` is the key of those that score it."""
     settings = as_settings(config, "scan", "room", "preprocess", "evaluate") | {
         "scenes": scenes,
-        "trainings": trainings_of(scenes, rows),
+        "trainings": _all_trainings(config, scenes, rows),
         "rooms": room_count(config, rows),
         "test_seed": config.data.test_seed,
         "weights": weights_digest(),
@@ -101,7 +119,7 @@ def scored_set(
     judge, models = judges
     folder = open_stage(run, set_stage(config, scenes, rows, models))
     if not (folder / SCORES).exists():
-        trainings, count = trainings_of(scenes, rows), room_count(config, rows)
+        trainings, count = _all_trainings(config, scenes, rows), room_count(config, rows)
         made = scenes_of(config, scenes, trainings, count)
         total = count if scenes.kind == ROOMS else config.paper.buildings * config.paper.views
         made = progress(made, f"score {scenes.name.replace('_', ' ')}", total)
@@ -138,7 +156,7 @@ def _scored_file(config: Config, run: Path, path: Path, what: tuple) -> dict[str
             made = progress(
                 building_scenes(config, scenes, building, (1, views)), f"score {path.stem} {scenes.name}", views
             )
-            write_json(target, list(scored(config, made, trainings_of(scenes, rows), judge, None)))
+            write_json(target, list(scored(config, made, _all_trainings(config, scenes, rows), judge, None)))
         found[scenes.name] = load_json(target)
     return found
 
@@ -150,8 +168,8 @@ def scored(
     for scene in scenes:
         sides, kept = {}, {}
         for scenario, view in scene.views.items():
-            scores = scores_of(view.cloud, scenario, trainings.get(scenario, ()), judges)
-            sides[scenario] = score_room(view.cloud, view.truth, scenario, scores, config)
+            scores, own = scores_of(view.cloud, scenario, trainings.get(scenario, ()), judges)
+            sides[scenario] = score_room(view.cloud, view.truth, scenario, scores, config, {EVIDENCE: own})
             kept |= _arrays(scenario, view, scores)
         shown = [side["positives"]["true"] for side in sides.values() if side["true_box"] is not None]
         if example is not None and shown and min(shown) >= config.evaluate.least_positives:
@@ -160,14 +178,23 @@ def scored(
         yield {"room": scene.number, "place": scene.place, "sides": sides}
 
 
-def scores_of(cloud: LabelledCloud, scenario: str, trainings: tuple[str, ...], judges: Judges) -> dict[str, np.ndarray]:
-    """Score (N,) of every point by method: the control's is a distance [m], the others' are probabilities."""
+def scores_of(
+    cloud: LabelledCloud, scenario: str, trainings: tuple[str, ...], judges: Judges
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Score (N,) of every point by method: the control's is a distance [m], the others' are probabilities.
+
+    Of `evidence` it is the probability of any change, and behind them comes that of the scenario's own kind.
+    """
     scores = {CONTROL: cloud.distance, RULE: rule_scores(cloud.evidence, removed=scenario.endswith("removed"))}
     for name in trainings:
-        features = features_of(TRAININGS[name].features, cloud.points, cloud.distance)
+        features = features_of(TRAININGS[name.split(AGAIN)[0]].features, cloud.points, cloud.distance)
         scores[name] = predict(judges.networks[f"{name}/{scenario}"], features, judges.network)
-    own = pick_model(judges.default, scenario)
-    return scores | {EVIDENCE: predict(own, cloud.evidence, judges.default_network)}
+    kind, change = scenario.split("_")
+    of_kind = {
+        one: predict(pick_model(judges.default, f"{one}_{change}"), cloud.evidence, judges.default_network)
+        for one in ("pillar", "wall")
+    }
+    return scores | {EVIDENCE: np.maximum(*of_kind.values())}, of_kind[kind]
 
 
 def _arrays(scenario: str, view: View, scores: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

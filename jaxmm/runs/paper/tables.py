@@ -27,7 +27,7 @@ from jaxmm.learning.result_tables import (
 )
 from jaxmm.learning.room_scores import CONTROL
 from jaxmm.rays.rule import RULE
-from jaxmm.runs.paper.rows import BUILDINGS, LABEL_NOISE, MULTI, SECTIONS, TABLE_1, TRAININGS, Row
+from jaxmm.runs.paper.rows import AGAIN, BUILDINGS, LABEL_NOISE, MULTI, SECTIONS, TABLE_1, TRAININGS, Row
 from jaxmm.runs.paper.scores import EVIDENCE
 
 Scenes = list[dict[str, Any]]  # rooms.json of a set
@@ -88,12 +88,39 @@ def _rows(row: Row, scenes: Scenes, config: EvaluateConfig, methods: dict[str, s
     found = []
     for kind in LABEL_KINDS:
         for method, scored in methods.items():
-            names = (row.section, row.test_case, row.scenes.condition, method, kind)
-            rooms = [_averaged(scene, row.models, (scored, kind), config) for scene in scenes]
-            one = row_of(dict(zip(NAMES, names, strict=True)), rooms, config, None)
+            names = dict(zip(NAMES, (row.section, row.test_case, row.scenes.condition, method, kind), strict=True))
+            of_seeds = [
+                [_averaged(scene, row.models, (name, kind), config) for scene in scenes]
+                for name in _seeds_of(scenes, scored)
+            ]
+            one = row_of(names, [_mean_room(rooms) for rooms in zip(*of_seeds, strict=True)], config, None)
             selected = _selected(scenes, row.models, (scored, kind), config) if row.section == MULTI else None
-            found.append(one | {"selected": selected})
+            found.append(one | {"selected": selected, "trainings": _over_seeds(names, of_seeds, config)})
     return found
+
+
+def _seeds_of(scenes: Scenes, scored: str) -> list[str]:
+    """Under which names a method's scores stand: one for each seed of its training."""
+    there = next(iter(scenes[0]["sides"].values()))["methods"] if scenes else {}
+    return [scored, *(name for name in there if name.startswith(scored + AGAIN))]
+
+
+def _mean_room(rooms: tuple[Room, ...]) -> Room:
+    """One room as all trainings of a method score it: the mean of ranks, boxes of all together."""
+    told = [room for room in rooms if room["positives"]]
+    return rooms[0] | {
+        **{name: sum(room[name] for room in rooms) for name in ("boxes_matched", "boxes_found", "boxes_true")},
+        **{name: float(np.mean([room[name] for room in told])) if told else None for name in METRICS},
+    }
+
+
+def _over_seeds(names: dict[str, str], of_seeds: list[list[Room]], config: EvaluateConfig) -> dict[str, Any] | None:
+    """How many trainings a row is of, and from what to what their own rows go; None of a single one."""
+    if len(of_seeds) < 2:
+        return None
+    rows = [row_of(names, rooms, config, None) for rooms in of_seeds]
+    told = {name: [row[name] for row in rows if row[name] is not None] for name in METRICS}
+    return {"count": len(rows)} | {name: [min(all_), max(all_)] if all_ else None for name, all_ in told.items()}
 
 
 def _averaged(scene: dict[str, Any], models: Iterable[str], what: tuple[str, str], config: EvaluateConfig) -> Room:
@@ -107,6 +134,7 @@ def _averaged(scene: dict[str, Any], models: Iterable[str], what: tuple[str, str
     ]
     shares = [side["observable_fraction"] for side in sides if side["observable_fraction"] is not None]
     return {
+        "place": scene["place"],
         # A model that sees too little of its change is left out of the mean, and a room where all do out of the row.
         "positives": config.least_positives if counted else 0,
         "observable_fraction": float(np.mean(shares)) if shares else None,
