@@ -1,24 +1,26 @@
 """How far off their places elements stand: errors, intervals, and what is called removed or new because of it.
 
-    python -m benchmarks.deviations [--ifc FOLDER] [--rooms 20] [--seed 42] [--sensors NAME ...] [--told JSON]
+    python -m benchmarks.deviations [--ifc FOLDER] [--rooms 20] [--places 2] [--seed 42] [--sensors NAME ...]
+        [--kept JSONL] [--figure PNG]
 
 Generated rooms (`varied`; seed 42 is of validation) and, with --ifc, places in IFC files. One to three walls or columns
-stand 5 to 300 mm off their places, or are turned by 0.2 to 3 degrees about their middle, or lean as much; clean, and
-with boxes as furniture before the walls; the pose exact, and off by up to 5 cm and 1 degree. Sensors err as built. Of
-elements that 500 rays or more end on. With furniture and poses that are off, three scans from different places are told
-together, too. *held* is the share of intervals that hold the truth, of what moved and of what
-did not. The peers, from the true pose, on the same points: the median of signed distances to the nearest surface of the
-model (cloud to mesh), of the points whose nearest surface is the element's, and M3C2 (Lague et al. 2013, by py4dgeo) at
-points of the element's own faces; both are of points within 0.4 m, and of one scan. Of the camera, elements whose
-middle is within 4 m count. Prints Markdown: the views, shares with intervals of 95 % (Wilson), and from which offset on
-an element is told from one in its place, by sensor and range, and by how much of it was seen; --figure draws that. With
---told, runs of one sensor each, which may be parts of a long one, leave what they told in one file for both.
+stand 5 to 300 mm off their places, or are turned by 0.2 to 3 degrees about their middle, or lean as much. Each sensor
+meets each place once, in a way that is drawn, each as often as any other: clean, or with boxes as furniture before the
+walls, and the pose exact, or off by up to 5 cm and 1 degree; one time of nine with furniture, a pose that is off, and
+three scans from different places that are told together. Sensors err as built. Of elements that 500 rays or more end
+on. *held* is the share of intervals that hold the truth, of what moved and of what did not. The peers, from the true
+pose, on the same points: the median of signed distances to the nearest surface of the model (cloud to mesh), of the
+points whose nearest surface is the element's, and M3C2 (Lague et al. 2013, by py4dgeo) at points of the element's own
+faces; both are of points within 0.4 m, and of one scan. Of the camera, elements whose middle is within 4 m count.
+Prints Markdown: the views, shares with intervals of 95 % (Wilson), and from which offset on an element is told from one
+in its place, by sensor and range, and by how much of it was seen; --figure draws that. With --kept, what was told of
+each view stays in that file, a line each, and is not told again: a long run may be ended and gone on with.
 """
 
 import argparse
-import json
 import math
 import sys
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,8 +32,9 @@ from benchmarks.command_line import CommandLine
 from benchmarks.poses import disturbed
 from benchmarks.timing import write_report
 from benchmarks.views.building_views import building_places, scanned
+from benchmarks.views.kept_views import KeptViews
 from benchmarks.views.place_rivals import told_by_rivals
-from benchmarks.views.told_offsets import draw_told, plain, share_with_interval, told_table
+from benchmarks.views.told_offsets import draw_told, share_with_interval, told_table
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.rays.scan_rays import PosedScan
@@ -56,13 +59,13 @@ from warp_scanner.sensors.sensors import sensor_named
 from warp_scanner.sensors.triangles import cast_triangles, prepare
 
 SEED = 42  # of validation
-POSES = {"exact": (0.0, 0.0, 0.0), "off by up to 5 cm, 1°": (0.05, 1.0, 0.5)}
-FULL = {"sensors": ("tls-real", "ouster-64-real", "velodyne-16-real", "oak-d-pro-real"), "rooms": 20}
-SMOKE = {"sensors": ("ouster-64-real",), "rooms": 1}
+FULL = {"sensors": ("tls-real", "ouster-64-real", "velodyne-16-real", "oak-d-pro-real"), "rooms": 20, "places": 2}
+SMOKE = {"sensors": ("ouster-64-real",), "rooms": 2, "places": 1}
 LEAST_RAYS = 500  # that end on an element, to be counted
 LEAST_SEEN = 0.002  # share of the rays that would meet an element, for it to be moved
 SHIFT, TURN = (0.005, 0.3), (0.2, 3.0)  # [m], [deg]
 SCANS = 3  # that are told together
+AT_ONCE = 8  # rooms that are made together: of all at once a scanner's rays fill the memory
 BOXES = 8  # that stand about as furniture
 MOST_RANGE = {sensor_named("oak-d-pro-real"): 4.0}  # [m]
 COLUMNS = (
@@ -75,6 +78,26 @@ COLUMNS = (
 SHARES = ("held", "gone", "falsely displaced")
 
 
+class Kind(NamedTuple):
+    """A kind of view."""
+
+    name: str
+    furnished: bool
+    scans: int
+    most: tuple[float, float, float]  # that the pose is off: [m], and [deg] about the vertical and about the others
+
+
+EXACT, OFF = (0.0, 0.0, 0.0), (0.05, 1.0, 0.5)
+KINDS = (
+    Kind("clean, pose exact", False, 1, EXACT),
+    Kind("clean, pose off by up to 5 cm, 1°", False, 1, OFF),
+    Kind("furniture, pose exact", True, 1, EXACT),
+    Kind("furniture, pose off by up to 5 cm, 1°", True, 1, OFF),
+    Kind(f"furniture, {SCANS} scans, pose off by up to 5 cm, 1°", True, SCANS, OFF),
+)
+TURNS = (*KINDS[:4], *KINDS)  # several scans take as many times as long
+
+
 class Case(NamedTuple):
     """A view of a model of which something stands off its place."""
 
@@ -85,9 +108,14 @@ class Case(NamedTuple):
     rivals: dict[str, dict[int, float]]  # by peer: row -> [m] off its place; of several scans no peer tells
 
 
-def case_of(prior: Prior, sensor: str, pose: Pose, kind: tuple[bool, int], key: tuple[int, int]) -> Case | None:
-    """One view, furnished or not, by so many scans; None where the first of them shows no wall or column."""
-    furnished, count = kind
+def drawn(seed: int, sensor: str, number: int) -> Kind:
+    """In which way a sensor meets a place: of as many places as there are TURNS each comes once, in a drawn order."""
+    block, place = divmod(number, len(TURNS))
+    return TURNS[np.random.default_rng((seed, zlib.crc32(sensor.encode()), block)).permutation(len(TURNS))[place]]
+
+
+def case_of(prior: Prior, sensor: str, pose: Pose, kind: Kind, key: tuple[int, int]) -> Case | None:
+    """One view; None where the first of its scans shows no wall or column."""
     rng = np.random.default_rng(key)
     rays = rays_of(sensor_named(sensor), pose)
     meets = cast_triangles(prior.scene, rays).element[0]
@@ -103,13 +131,13 @@ def case_of(prior: Prior, sensor: str, pose: Pose, kind: tuple[bool, int], key: 
         if np.any(turn):
             turned.add(int(row))
         triangles = move_element(triangles, int(row), step, turn)
-    if furnished:
+    if kind.furnished:
         triangles = join(triangles, _furniture(prior, rays, rng))
     scene, stands = prepare(triangles), np.ones(len(triangles.semantic), bool)
-    poses = [pose, *_other_places(prior, key)][:count]
+    poses = [pose, *_other_places(prior, key)][: kind.scans]
     scans = [scanned(scene, stands, (sensor_named(sensor), one), (key[0], key[1] + 1000 * number))[0]
              for number, one in enumerate(poses)]  # fmt: skip
-    return Case(prior, scans, steps, turned, told_by_rivals(prior.scene, scans[0]) if count == 1 else {})
+    return Case(prior, scans, steps, turned, told_by_rivals(prior.scene, scans[0]) if kind.scans == 1 else {})
 
 
 def _other_places(prior: Prior, key: tuple[int, int]) -> list[Pose]:
@@ -159,24 +187,20 @@ def _furniture(prior: Prior, rays: Rays, rng: np.random.Generator) -> Triangles:
     return Triangles(vertices.reshape(-1, 3), faces.reshape(-1, 3), element, np.full(len(found), OTHER, np.uint8))
 
 
-def models_of(asked: argparse.Namespace, sensor: str) -> Iterator[tuple[str, list[tuple[Prior, Pose]]]]:
-    """What rooms, and IFC files, hold, and where a sensor stands in them."""
-    rooms = room_cases("unchanged", "clean", asked.seed, range(asked.rooms), sensor=sensor)
-    yield "rooms", [(one.prior, Pose(*(field[one.row : one.row + 1] for field in one.pairs.pose))) for one in rooms]
-    if asked.ifc:
-        yield "IFC files", [place[:2] for place in building_places(asked.ifc, asked.rooms, asked.seed)]
-
-
-def views_of(asked: argparse.Namespace, sensor: str) -> Iterator[tuple[str, Iterator[Case], list[str]]]:
-    """Every kind of view by name, with its cases, one at a time, and the names of POSES they are told from."""
-    for where, models in models_of(asked, sensor):
-        for kind in ((False, 1), (True, 1), (True, SCANS)):
-            made = (
-                case_of(prior, sensor, pose, kind, (asked.seed, number)) for number, (prior, pose) in enumerate(models)
-            )
-            how = ("furniture" if kind[0] else "clean") + (f", {kind[1]} scans" if kind[1] > 1 else "")
-            poses = [name for name, most in POSES.items() if kind[1] == 1 or any(most)]
-            yield f"{where}, {sensor}, {how}", (one for one in made if one is not None), poses
+def places_of(asked: argparse.Namespace, sensor: str, kept: KeptViews) -> Iterator[tuple[str, int, Prior, Pose]]:
+    """Where a sensor stands in rooms and in IFC files, and the number of each; without those that were told."""
+    for first in range(0, asked.rooms, AT_ONCE):
+        numbers = range(first, min(first + AT_ONCE, asked.rooms))
+        if all(kept.has(("rooms", sensor, asked.seed, number)) for number in numbers):
+            continue
+        for one in room_cases("unchanged", "clean", asked.seed, numbers, sensor=sensor):
+            number = numbers[one.row]
+            if not kept.has(("rooms", sensor, asked.seed, number)):
+                yield "rooms", number, one.prior, Pose(*(field[one.row : one.row + 1] for field in one.pairs.pose))
+    places = building_places(asked.ifc, asked.places, asked.seed) if asked.ifc else ()
+    for number, (prior, pose, _) in enumerate(places):
+        if not kept.has(("IFC files", sensor, asked.seed, number)):
+            yield "IFC files", number, prior, pose
 
 
 def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: np.random.Generator) -> dict[str, Any]:
@@ -187,6 +211,7 @@ def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: n
     except InputError:
         return {"refused": 1}
     told: dict[str, Any] = {"doubted": int(bool(found.doubts)), "new": 0, "gone": 0, "elements": []}
+    told["sentences"] = [*found.sentences, *found.doubts]
     told["new"] = sum(one.mismatch_type == "added" for one in found.mismatches)
     farthest = MOST_RANGE.get(case.scans[0].sensor, np.inf)
     rows = {guid: row for row, guid in enumerate(case.prior.building.elements.guid)}
@@ -196,7 +221,9 @@ def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: n
         told["gone"] += one.verdict == REMOVED
         if not moved and deviation is None:
             continue
-        new: dict[str, Any] = {"moved": moved, "verdict": one.verdict, "turned": row in case.turned}
+        new: dict[str, Any] = {"row": row, "moved": moved, "verdict": one.verdict, "turned": row in case.turned}
+        if moved:
+            new["by"] = float(np.linalg.norm(case.moved[row]))
         if deviation is not None and deviation.rays >= LEAST_RAYS and _range(case, row) <= farthest:
             way = np.array(deviation.direction)
             true = float(case.moved.get(row, np.zeros(3)) @ way)
@@ -247,36 +274,45 @@ def _counts(flags: list[bool]) -> tuple[int, int]:
 def main() -> None:
     parser = CommandLine(__doc__, FULL, SMOKE)
     parser.add_places(SEED)
+    parser.add_argument("--places", type=int, metavar="N", help="of each IFC file")
     parser.add_argument("--sensors", nargs="+", metavar="NAME", help="of which presets")
-    parser.add_argument("--told", type=Path, metavar="JSON", help="keep what was told of each sensor's elements here")
+    parser.add_argument("--kept", type=Path, metavar="JSONL", help="keep what was told of each view here, and go on")
     parser.add_argument("--figure", type=Path, metavar="PNG", help="also draw what offsets are told")
     asked = parser.parse_args()
     if why := peers.why_missing("py4dgeo"):
         print(why, file=sys.stderr)
-    print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}")
-    judges, rows, by_sensor = read_judges(DEFAULT), [], {}
+    judges, kept = read_judges(DEFAULT), KeptViews(asked.kept)
     for sensor in asked.sensors:
-        for name, cases, poses in views_of(asked, sensor):
-            told = {pose: [] for pose in poses}
-            rng = {pose: np.random.default_rng(asked.seed) for pose in poses}
-            for case in cases:
-                for pose in poses:
-                    told[pose].append(told_of(case, judges, POSES[pose], rng[pose]))
-            for pose, found in told.items():
-                by_sensor.setdefault(sensor, []).extend(each for one in found for each in one.get("elements", ()))
-                row = row_of(f"{name}, pose {pose}", found)
-                print(_line(row), flush=True)
-                if row["measured"] and math.isfinite(row["C2M"]):
-                    rows.append(_told_row(row))
-    if asked.told:
-        kept = json.loads(asked.told.read_text()) if asked.told.exists() else {}
-        by_sensor = kept | {name: plain(elements) for name, elements in by_sensor.items()}
-        asked.told.write_text(json.dumps(by_sensor))
+        for where, number, prior, pose in places_of(asked, sensor, kept):
+            kind = drawn(asked.seed, sensor, number)
+            case = case_of(prior, sensor, pose, kind, (asked.seed, number))
+            rng = np.random.default_rng((asked.seed, number))
+            told = {"nothing to see": True} if case is None else told_of(case, judges, kind.most, rng)
+            kept.add((where, sensor, asked.seed, number), {"kind": kind.name} | told)
+    print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}")
+    rows = [row_of(name, told) for name, told in _by_kind(kept, asked).items()]
+    print("\n".join(map(_line, rows)))
+    by_sensor: dict[str, list[dict[str, Any]]] = {}
+    for (_, sensor, *_), told in kept.items():
+        by_sensor.setdefault(sensor, []).extend(each for each in told.get("elements", ()) if "half" in each)
     print("\n".join(["", *told_table(by_sensor)]))
     if asked.figure:
         draw_told(by_sensor, asked.figure)
     if asked.json:
-        write_report(asked.json, rows)
+        write_report(asked.json, [_told_row(row) for row in rows if row["measured"] and math.isfinite(row["C2M"])])
+
+
+def _by_kind(kept: KeptViews, asked: argparse.Namespace) -> dict[str, list[dict[str, Any]]]:
+    """What was told, by where, sensor and kind of view, in that order."""
+    order = {
+        f"{where}, {sensor}, {kind.name}": [] for where in ("rooms", "IFC files") for sensor in asked.sensors
+        for kind in KINDS
+    }  # fmt: skip
+    for (where, sensor, *_), told in kept.items():
+        name = f"{where}, {sensor}, {told['kind']}"
+        if name in order and "nothing to see" not in told:
+            order[name].append(told)
+    return {name: told for name, told in order.items() if told}
 
 
 def _told_row(row: dict[str, Any]) -> dict[str, Any]:

@@ -28,12 +28,6 @@ def told_table(found: Elements) -> list[str]:
     return lines
 
 
-def plain(elements: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """What both need of elements, as JSON takes it; of those that were measured."""
-    names = ("half", "range", "coverage")
-    return [{name: float(one[name]) for name in names} for one in elements if "half" in one]
-
-
 def share_with_interval(some: int, every: int) -> str:
     """So many of so many as a share with its 95 % interval (Wilson 1927); a dash of none."""
     if not every:

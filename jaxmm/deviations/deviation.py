@@ -9,7 +9,7 @@ how much faces in their place scatter (which holds the sensor's own bias), and t
 M3C2 does (Lague et al. 2013, equation 1: both surfaces' errors and the registration's).
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from jaxmm.deviations.heights import Heights, heights_of
 from jaxmm.deviations.meetings import STEEP, Meetings, groups_of, meetings_of
 from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors
 from jaxmm.deviations.shifted_columns import Shift, columns_of
-from jaxmm.deviations.tolerances import din_of, loa_of
+from jaxmm.deviations.tolerances import Slope, din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
 from warp_scanner.scenes.building import element_bounds
 from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare_part
@@ -53,7 +53,8 @@ class Deviation(NamedTuple):
     scans: tuple[int, ...] = ()  # numbers of those that show it
     worst: float = 0.0  # [m] where it is turned or leans, its ends are off by more than this less `half`
     step: tuple[float, float, float] = (0.0, 0.0, 0.0)  # offset as its pose has it, though that may be off
-    sizes: tuple[float, float] = (1.0, 1.0)  # [m] its length, and that over which it leans
+    long: float = 1.0  # [m] its length
+    slopes: tuple[Slope, ...] = ()  # by its turn and its lean, of what faces fix
     before: bool = False  # it may be the front of what stands before it that was measured
 
     @property
@@ -78,20 +79,19 @@ def shifted(one: Deviation, shift: Shift) -> Deviation:
     distance = float(np.linalg.norm(offset))
     # No face looks the way it went: what tells is where the whole of it stands.
     way = offset / max(distance, 1e-9)
-    (long, high), slope = one.sizes, None if one.lean is None else float(np.tan(np.radians(one.lean)))
     half = float(sum(abs(way[axis]) * (both[1] - both[0]) / 2.0 for axis, both in enumerate(interval) if both))
     return one._replace(
         offset=_plain(offset),
         interval=tuple(both and (float(both[0]), float(both[1])) for both in interval),
         distance=distance, direction=_plain(way), half=half, coverage=0.0,
-        classes={"loa": loa_of(distance + one.flatness), "din18202": din_of(distance, half, long, slope, high)},
+        classes={"loa": loa_of(distance + one.flatness), "din18202": din_of(distance, half, one.long, one.slopes)},
         # Its ends are off by what it is turned or leans, whatever its middle is off there.
         worst=distance + max(0.0, one.worst - one.half - abs(one.distance)), step=_plain(offset),
     )  # fmt: skip
 
 
 # Fields that are not in report.json.
-PRIVATE = ("turned", "half", "stands", "scans", "worst", "step", "sizes", "before")
+PRIVATE = ("turned", "half", "stands", "scans", "worst", "step", "long", "slopes", "before")
 
 
 def is_told(one: Deviation) -> bool:
@@ -99,13 +99,18 @@ def is_told(one: Deviation) -> bool:
     return any(both is not None for both in one.interval)
 
 
-class _Body(NamedTuple):
-    """An element as the model has it."""
+class Body(NamedTuple):
+    """An element as the model has it, or several."""
 
     low: np.ndarray  # (3,) [m]
     high: np.ndarray  # (3,) [m]
     area: float  # [m2]
     corners: np.ndarray  # (V, 3) [m]
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(3,) [m]."""
+        return (self.low + self.high) / 2.0
 
 
 class Faces(NamedTuple):
@@ -164,13 +169,17 @@ def deviations_by(scene: TriangleScene, shown: list[Faces], tolerance: np.ndarra
         shown: by each scan.
         tolerance: (E,) [m] of each element, for its coverage.
     """
+    faces, bodies = by_element(shown), bodies_of(scene)
+    return {row: deviation_of(seen, shown, bodies(row), float(tolerance[row])) for row, seen in faces.items()}
+
+
+def by_element(shown: list[Faces]) -> dict[int, list[Seen]]:
+    """By its row the faces of each element, with the number of the scan that shows them."""
     faces: dict[int, list[Seen]] = {}
     for number, one in enumerate(shown):
         for each in one.seen:
             faces.setdefault(each.element, []).append(each._replace(scan=number))
-    poses, sensors = [one.poses for one in shown], [one.sensor for one in shown]
-    bodies = _bodies(scene, faces)
-    return {row: _deviation(seen, poses, sensors, bodies[row], float(tolerance[row])) for row, seen in faces.items()}
+    return faces
 
 
 def _seen(group: Meetings, fit: Fit, pose: PoseError, sensor: np.ndarray) -> Seen:
@@ -191,8 +200,8 @@ def _seen(group: Meetings, fit: Fit, pose: PoseError, sensor: np.ndarray) -> See
     return Seen(element, way, bare, fit.rays, normal.sum(axis=0), cell, np.abs(left), np.abs(offs), faces)
 
 
-def _bodies(scene: TriangleScene, rows: Iterable[int]) -> dict[int, _Body]:
-    """The bodies of some elements."""
+def bodies_of(scene: TriangleScene) -> Callable[[int], Body]:
+    """What gives the bodies of some elements, by their rows, as one."""
     triangles = scene.triangles
     low, high = (bound.astype(np.float64) for bound in element_bounds(triangles))
     a, b, c = (triangles.vertices[corner].astype(np.float64) for corner in triangles.faces.T)
@@ -200,13 +209,14 @@ def _bodies(scene: TriangleScene, rows: Iterable[int]) -> dict[int, _Body]:
     area = np.bincount(triangles.element, area, len(triangles.semantic))
     order = np.argsort(triangles.element, kind="stable")
     starts = np.searchsorted(triangles.element[order], np.arange(len(area) + 1))
-    return {
-        row: _Body(
-            low[row], high[row], float(area[row]),
-            triangles.vertices[np.unique(triangles.faces[order[starts[row] : starts[row + 1]]])].astype(np.float64),
-        )
-        for row in rows
-    }  # fmt: skip
+
+    def body(*rows: int) -> Body:
+        chosen = list(rows)
+        own = np.concatenate([order[starts[row] : starts[row + 1]] for row in rows])
+        corners = triangles.vertices[np.unique(triangles.faces[own])].astype(np.float64)
+        return Body(low[chosen].min(axis=0), high[chosen].max(axis=0), float(area[chosen].sum()), corners)
+
+    return body
 
 
 def _fits(scene: TriangleScene, met: Meetings, slender: np.ndarray) -> list[tuple[Meetings, Fit]]:
@@ -238,10 +248,9 @@ def _is_of_another(scene: TriangleScene, bounds: tuple[np.ndarray, np.ndarray], 
     return float(np.median(clearance(prepare_part(scene.triangles, others), ends, 2.0 * reach))) < reach
 
 
-def _deviation(
-    seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray], body: _Body, tolerance: float
-) -> Deviation:
-    middle = (body.low + body.high) / 2.0
+def deviation_of(seen: list[Seen], shown: list[Faces], body: Body, tolerance: float) -> Deviation:
+    """The deviation of what moved as one, by faces of `by_element`."""
+    poses, sensors, middle = [one.poses for one in shown], [one.sensor for one in shown], body.middle
     seen = telling(seen, poses, sensors, middle)
     motion = motion_of(seen, poses, sensors, middle)
     told = bool(np.any(motion.keep))
@@ -258,15 +267,15 @@ def _deviation(
     could = on + sum(one.fit.through for one in seen if one.fit.first)
     turn, lean = judged.angles
     long, high = _sizes(body, seen)
-    slope = None if lean is None else float(np.tan(np.radians(lean)))
-    classes = {"loa": loa_of(worst), "din18202": din_of(distance, half, long, slope, high)}
+    slopes = judged.slopes(long, high)
+    classes = {"loa": loa_of(worst), "din18202": din_of(distance, half, long, slopes)}
     offset, distance = (step, distance) if told else (np.zeros(3), 0.0)
     return Deviation(
         _plain(offset),
         tuple(None if no else (float(a), float(b)) for no, (a, b) in zip(opened, spans[:3], strict=True)),
         distance, _plain(direction), turn, lean, flatness, float(min(1.0, covered / max(body.area, 1e-9))), on, classes,
         _plain(judged.turned), half, float(on / max(could, 1)), tuple(sorted({one.scan for one in seen})),
-        _ends(seen, 0 if told else 1, half), _plain(step), (long, high), any(one.fit.before for one in seen),
+        _ends(seen, 0 if told else 1, half), _plain(step), long, slopes, any(one.fit.before for one in seen),
     )  # fmt: skip
 
 
@@ -292,7 +301,7 @@ def _direction(seen: list[Seen], motion: Motion, step: np.ndarray) -> np.ndarray
     return best if surely(best) > 0.0 else usual
 
 
-def _sizes(body: _Body, seen: list[Seen]) -> tuple[float, float]:
+def _sizes(body: Body, seen: list[Seen]) -> tuple[float, float]:
     """Length along its longest face, and the length over which it leans [m]: its height, or what lies its length."""
     level = max(seen, key=lambda one: one.rays).fit.axes[0, :2]
     across = np.array([-level[1], level[0]])

@@ -10,11 +10,13 @@ import numpy as np
 
 from jaxmm.deviations.fits import Fit
 from jaxmm.deviations.pose_errors import PoseError, rows_of, scatter
+from jaxmm.deviations.tolerances import Slope
 
 FREE = (1.0, 1.0, 1.0, 0.03, 0.03, 0.1)  # [m, rad] standard deviations of an element off its place, before it is seen
 FIXED = 0.05  # [m] of a direction of the shift, up to which faces fix it
 FIXED_TURN = np.radians(0.5)  # of a turn
 NORMAL = 1.96  # standard deviations to either side hold 95 %
+FIXED_BY = 3  # faces that fix a wall: where it stands, how it is turned, and how it leans
 AT_ODDS = 4.0  # standard deviations, from which on a face contradicts what all faces together say
 
 
@@ -63,6 +65,20 @@ class Motion(NamedTuple):
         leans = np.linalg.eigvalsh(spread[:2, :2])[0] < FIXED_TURN**2
         return turn, float(np.degrees(np.linalg.norm(turned[:2]))) if leans else None
 
+    def slopes(self, long: float, high: float) -> tuple[Slope, ...]:
+        """What its turn puts its ends off over its length [m], and its lean its head over its height [m]; if fixed."""
+        spread, swings = self.covariance[3:, 3:], [one[:, 3:] for one in self.swings if len(one)]
+        errors = np.sqrt(spread[2, 2]), np.sqrt(max(np.linalg.eigvalsh(spread[:2, :2])[0], 0.0))
+        open_by = (
+            sum(float(np.abs(one[:, 2]).max()) for one in swings),
+            sum(float(np.linalg.norm(one[:, :2], axis=1).max()) for one in swings),
+        )
+        return tuple(
+            Slope(length * abs(float(np.tan(np.radians(angle)))), length * float(NORMAL * error + other), length)
+            for angle, error, other, length in zip(self.angles, errors, open_by, (long, high), strict=True)
+            if angle is not None
+        )
+
     def span(self, way: np.ndarray) -> tuple[float, float]:
         """The 95 % interval of the fixed part of the shift along a way (3,), by all that explains what was seen."""
         along = self.keep @ way
@@ -107,7 +123,11 @@ def motion_of(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.n
         for scan in scans
     )
     answers: tuple[np.ndarray, ...] = ()
-    if len(scans) > 1 and _are_at_odds(seen, best, poses, sensors, middle):
+    left, sigma = left_of(seen, best, poses, sensors, middle)
+    if len({one.element for one in seen}) > 1:
+        # Pieces stand each a little otherwise: where they scatter by more than their faces do, so does their middle.
+        spread = spread * max(1.0, float(np.sum(np.square(left / sigma))) / max(len(seen) - FIXED_BY, 1))
+    if len(scans) > 1 and np.any(np.abs(left) > AT_ODDS * sigma):
         answers = tuple(_solved([one for one in seen if one.scan == scan], poses, sensors, middle)[0] for scan in scans)
     if any(one.fit.before for one in seen):
         rest = [one for one in seen if not one.fit.before]
@@ -144,19 +164,19 @@ def _solved(
     return own @ right, spread, gains
 
 
-def _are_at_odds(
+def left_of(
     seen: list[Seen], step: np.ndarray, poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray
-) -> bool:
-    """Whether some face lies where no error of its rays and pose explains it, if the element moved by a step."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """What faces (F,) are off where a motion (6,) has them [m], and the standard deviation of that [m]."""
     loose = {scan: _without(seen, scan, poses, sensors) for scan in {one.scan for one in seen}}
-    for one in seen:
+    left, sigma = np.zeros((2, len(seen)))
+    for number, one in enumerate(seen):
         pose = poses[one.scan][0]
         off, arms = rows_of(one.fit, sensors[one.scan])
-        left = off + arms @ pose.correction - rows_of(one.fit, middle)[1] @ step
-        sigma = np.sqrt(scatter(one.fit, pose.place, pose.tilt)[0] ** 2 + arms[0] @ loose[one.scan] @ arms[0])
-        if abs(left[0]) > AT_ODDS * sigma:
-            return True
-    return False
+        left[number] = (off + arms @ pose.correction - rows_of(one.fit, middle)[1] @ step)[0]
+        variance = scatter(one.fit, pose.place, pose.tilt)[0] ** 2 + arms[0] @ loose[one.scan] @ arms[0]
+        sigma[number] = np.sqrt(variance)
+    return left, sigma
 
 
 def _without(seen: list[Seen], scan: int, poses: list[list[PoseError]], sensors: list[np.ndarray]) -> np.ndarray:

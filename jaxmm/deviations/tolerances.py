@@ -8,6 +8,8 @@ as the offset over a length (Table 2).
 """
 
 import dataclasses
+from collections.abc import Iterable
+from typing import NamedTuple
 
 from jaxmm.config import bounded
 
@@ -43,19 +45,25 @@ def loa_of(distance: float) -> str:
     return next(name for most, name in LOA if abs(distance) <= most)
 
 
-def din_of(off: float, half: float, size: float, lean: float | None, height: float) -> str:
+class Slope(NamedTuple):
+    """How far one end of an element is off the other, as it is turned or leans."""
+
+    off: float  # [m]
+    half: float  # [m] half the width of its interval
+    length: float  # [m] from end to end
+
+
+def din_of(off: float, half: float, size: float, slopes: Iterable[Slope]) -> str:
     """Whether a place is within DIN 18202, or beyond it, or its interval leaves that open.
 
     Args:
         off: [m] of the element off its place.
         half: [m] half the width of its interval.
         size: [m] the nominal one, the element's longest edge in plan.
-        lean: [m/m] from plumb; None where nobody knows.
-        height: [m] over which it leans.
+        slopes: by its turn, and its lean, as far as they are known.
     """
     checks = [(abs(off), half, _limit(SIZES, size))]
-    if lean is not None:
-        checks.append((abs(lean) * height, 0.0, _limit(ANGLES, height)))
+    checks += [(abs(one.off), one.half, _limit(ANGLES, one.length)) for one in slopes]
     if any(value - error > limit for value, error, limit in checks):
         return BEYOND
     return WITHIN if all(value + error <= limit for value, error, limit in checks) else OPEN

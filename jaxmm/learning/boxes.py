@@ -17,6 +17,7 @@ from jaxmm.learning.upright_shapes import faces_of
 ObjectType = Literal["pillar", "wall"]
 OBJECT_TYPES = ("pillar", "wall")
 MISMATCH_TYPES = ("added", "removed")
+LEAST_ASKEW = 0.5  # [deg] off the axes, from which on a sentence says so
 
 
 class Box(NamedTuple):
@@ -150,11 +151,20 @@ def long_axis(dimensions: np.ndarray, rotation: float) -> np.ndarray:
 
 
 def sentence(box: Box, mismatch_type: str) -> str:
-    """One mismatch in words, as the thesis prints it: metres, two decimals, world frame."""
+    """One mismatch in words, as the thesis prints it: metres, two decimals, world frame.
+
+    Dimensions are along x, y and z; of what stands askew, along these turned by the angle that is told.
+    """
     if mismatch_type not in MISMATCH_TYPES:
         raise ValueError(f"mismatch_type must be one of {MISMATCH_TYPES}, got {mismatch_type!r}")
-    center, dimensions = _printed(box.center), _printed(box.dimensions)
-    return f"A {box.object_type} has been {mismatch_type} at {center} with dimensions {dimensions}."
+    rotation = box.rotation if np.isfinite(box.rotation) else 0.0
+    quarters = round(rotation / 90.0)
+    order, turn = [1, 0, 2] if quarters % 2 else [0, 1, 2], rotation - 90.0 * quarters
+    center, dimensions = _printed(box.center), _printed(np.asarray(box.dimensions)[order])
+    askew = box.shape != "round" and abs(turn) >= LEAST_ASKEW
+    way = "counter-clockwise" if turn > 0.0 else "clockwise"
+    turned = f", turned by {abs(turn):.0f}° {way}" if askew else ""
+    return f"A {box.object_type} has been {mismatch_type} at {center} with dimensions {dimensions}{turned}."
 
 
 def floor_and_ceiling(points: np.ndarray, settings: BoxSettings) -> tuple[float, float]:

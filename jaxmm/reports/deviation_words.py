@@ -105,9 +105,14 @@ def _part(size: float, half: float, way: np.ndarray) -> str:
     return f"{middle} mm ({low} to {high}) {way_of(way)}"
 
 
+def is_off_at_ends(one: Deviation) -> bool:
+    """Whether it is turned or leans, so that its ends are farther off than its middle."""
+    return bool(one.worst - one.half > abs(one.distance) + LEAST_SECOND)
+
+
 def turn_in_words(one: Deviation) -> str:
     """How it is turned or leans, and how far off its ends are for that; nothing where its middle is as far off."""
-    if not one.worst - one.half > abs(one.distance) + LEAST_SECOND:
+    if not is_off_at_ends(one):
         return ""
     turn, lean = (0.0 if value is None or not math.isfinite(value) else value for value in (one.turn, one.lean))
     ways = (turned_by(turn), f"leaning by {abs(lean):.1f}°")

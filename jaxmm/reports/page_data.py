@@ -12,8 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxmm.deviations.tolerances import DeviationSettings
-from jaxmm.reports.deviation_words import INTERVAL_WORDS, NORTH_WORDS, SIGN_WORDS, offset_in_words, place_in_words
+from jaxmm.reports.deviation_words import (
+    INTERVAL_WORDS,
+    NORTH_WORDS,
+    SIGN_WORDS,
+    is_off_at_ends,
+    offset_in_words,
+    place_in_words,
+    turn_in_words,
+)
 from jaxmm.reports.markdown import printable
+from jaxmm.reports.offset_arrows import offsets_of
 from jaxmm.reports.report_json import to_json
 from jaxmm.reports.verdict_words import (
     ASSUMED,
@@ -27,6 +36,7 @@ from jaxmm.reports.verdict_words import (
     UNEXPLAINED_WORDS,
     VERDICT_WORDS,
 )
+from jaxmm.verdicts.mismatch_points import signed_distances
 from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Key
 
 
@@ -48,6 +58,7 @@ class Surface(NamedTuple):
 
 LIMITS = Limits()
 HEAD = 2.2  # [m] above the floor, where the view is cut
+DISTANCE_STEP = 0.0001  # [m] of the distances of points
 UNDER = 0.5  # [m] below the floor, where the storey below begins
 
 
@@ -65,6 +76,7 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
         "robot_probability": _as_bytes(drawing.robot_probability[robot]),
         "robot_evidence": drawing.robot_evidence[robot].astype("u1"),
         "robot_scan": drawing.robot_scan[robot].astype("<i4"),
+        "robot_distance": _as_steps(signed_distances(detection, robot)),
         "prior": drawing.prior[prior].astype("<f4"),
         "prior_probability": _as_bytes(drawing.prior_probability[prior]),
         "prior_evidence": drawing.prior_evidence[prior].astype("u1"),
@@ -83,8 +95,8 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
             "north": NORTH_WORDS, "interval": INTERVAL_WORDS, "sign": SIGN_WORDS,
             "assumed": ASSUMED_WORDS, "tilde": ASSUMED, "sure_of_type": SURE_OF_TYPE,
         },
-        "deviations": [_deviation(one) for one in detection.elements],
-        "tolerance": _tolerance(detection),
+        "deviations": [_deviation(one, detection.drawing) for one in detection.elements],
+        "tolerance": _tolerance(detection), "distance_step": DISTANCE_STEP,
         "thinned": _told(drawing, (len(robot), len(prior), len(surface.faces))),
         "has_surface": drawing.vertices is not None,
         **_keys(detection),
@@ -130,16 +142,26 @@ def _keys(detection: Detection) -> dict[str, Any]:
     }
 
 
-def _deviation(one: ElementVerdict) -> dict[str, Any] | None:
-    """What the page needs of an element's deviation beside what the report says [m]; None where it was not measured."""
+def _deviation(one: ElementVerdict, drawing: Drawing) -> dict[str, Any] | None:
+    """What the page needs of an element's deviation beside what the report says [m]; None where it was not measured.
+
+    Of what is turned or leans also its arrows: where each begins, from the drawing's origin, and the offset there.
+    """
     told = one.deviation
     if told is None or not np.isfinite([*told.offset, told.distance, told.most, told.half]).all():
         return None
     return {
         "offset": [float(value) for value in told.offset], "distance": told.distance, "most": told.most,
-        "half": told.half,
-        "words": offset_in_words(told), "sentence": printable(place_in_words(one)),
+        "half": told.half, "at_ends": is_off_at_ends(told), "arrows": _arrows(one, drawing),
+        "words": offset_in_words(told) + turn_in_words(told), "sentence": printable(place_in_words(one)),
     }  # fmt: skip
+
+
+def _arrows(one: ElementVerdict, drawing: Drawing) -> list[list[list[float]]] | None:
+    corners = drawing.corners(one.key) if is_off_at_ends(one.deviation) else None
+    if corners is None:
+        return None
+    return [[place.tolist(), step.tolist()] for place, step in offsets_of(one.deviation, corners)]
 
 
 def _tolerance(detection: Detection) -> float:
@@ -220,6 +242,14 @@ def _thinned(order: np.ndarray, most: int) -> np.ndarray:
 def _as_bytes(probability: np.ndarray) -> np.ndarray:
     """Probabilities in steps of 1/255: a colour shows no more."""
     return np.round(255.0 * np.clip(np.nan_to_num(probability), 0.0, 1.0)).astype("u1")
+
+
+def _as_steps(distance: np.ndarray | None) -> np.ndarray:
+    """Distances [m] in steps of DISTANCE_STEP, as far as these go; none where nobody knows any."""
+    if distance is None:
+        return np.zeros(0, "<i2")
+    most = np.iinfo(np.int16).max
+    return np.clip(np.nan_to_num(distance, nan=np.inf) / DISTANCE_STEP, -most, most).round().astype("<i2")
 
 
 def _mismatched(detection: Detection) -> np.ndarray:

@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 from jaxmm.reports.deviation_words import kind_of_class, offset_in_words, turn_in_words
 from jaxmm.reports.figures import COLOR_DISPLACED
 from jaxmm.reports.markdown import printable
+from jaxmm.reports.offset_arrows import offsets_of
 from jaxmm.reports.plan_levels import CUT, Level, base_of
 from jaxmm.verdicts.results import Drawing, ElementVerdict
 
@@ -50,21 +51,19 @@ def arrows_of(
         level: the storey.
         limits: lower and upper corner (2,) [m] of the plan: arrows of what reaches beyond begin within.
     """
-    if drawing.faces is None:
-        return []
-    row_of, height, found = drawing.rows(), level.floor + CUT, []
-    times = arrow_times(worst)
+    height, found = level.floor + CUT, []
+    times = arrow_times(drawing, worst)
     for number, one in enumerate(worst):
-        used = drawing.faces[drawing.face_element == row_of.get(one.key, -1)]
-        offset = np.asarray(one.deviation.offset[:2], np.float64)
-        if not len(used) or not LEAST_DRAWN <= np.linalg.norm(offset) < np.inf:
+        corners = drawing.corners(one.key)
+        if corners is None:
             continue
-        corners = drawing.vertices[used].reshape(-1, 3).astype(np.float64)
         low, high = corners.min(axis=0), corners.max(axis=0)
         start, end = np.maximum(low[:2], limits[0]), np.minimum(high[:2], limits[1])
-        if low[2] < height < high[2] and (start <= end).all():
-            tail = (start + end) / 2.0
-            found.append(Arrow(number, tail, tail + times * offset, times))
+        if not (low[2] < height < high[2] and (start <= end).all()):
+            continue
+        for place, step in offsets_of(one.deviation, corners, limits):
+            if LEAST_DRAWN <= np.linalg.norm(step[:2]) < np.inf:
+                found.append(Arrow(number, place[:2], place[:2] + times * step[:2], times))
     return found
 
 
@@ -77,11 +76,13 @@ def with_room(limits: tuple[np.ndarray, np.ndarray], arrows: Sequence[Arrow]) ->
 def draw_offsets(axes: Axes, drawing: Drawing, arrows: Sequence[Arrow]) -> list[Line2D]:
     """Draw the arrows, the first MOST_WORST with letters; returns what the legend needs."""
     shift = (drawing.origin - base_of(drawing))[:2]
+    lettered = set()
     for one in arrows:
         look = {"arrowstyle": "-|>", "color": COLOR_DISPLACED, "linewidth": 2.2, "shrinkA": 0, "shrinkB": 0}
         tip, tail = one.tip + shift, one.tail + shift
         axes.annotate("", tip, tail, arrowprops=look | {"mutation_scale": 14}, zorder=8)
-        if one.number < MOST_WORST:
+        if one.number < MOST_WORST and one.number not in lettered:
+            lettered.add(one.number)
             _write_letter(axes, ascii_uppercase[one.number], tip, tip - tail)
     look = {"color": COLOR_DISPLACED, "linewidth": 2.2, "marker": ">", "markersize": 7, "markevery": [-1]}
     return [Line2D([], [], label=f"offset, the arrow {one.times} times as long", **look) for one in arrows[:1]]
@@ -102,9 +103,11 @@ def offset_entries(worst: Sequence[ElementVerdict]) -> list[Patch]:
     return [Patch(facecolor="none", label=text) for text in entries]
 
 
-def arrow_times(worst: Sequence[ElementVerdict]) -> int:
+def arrow_times(drawing: Drawing, worst: Sequence[ElementVerdict]) -> int:
     """How many times as long as the offsets the arrows of all storeys are: the most that keeps them bearable."""
-    longest = max((float(np.linalg.norm(one.deviation.offset)) for one in worst), default=0.0)
+    drawn = ((one, corners) for one in worst if (corners := drawing.corners(one.key)) is not None)
+    steps = (offset.step for one, corners in drawn for offset in offsets_of(one.deviation, corners))
+    longest = max((float(np.linalg.norm(step)) for step in steps), default=0.0)
     return next((times for times in ARROW_TIMES if times * longest <= LONGEST_ARROW), ARROW_TIMES[-1])
 
 

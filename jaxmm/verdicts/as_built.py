@@ -6,7 +6,7 @@ A wall that stands 60 mm off its place is neither gone nor new. Deviations are m
 the model with every element where it stands, so that nothing is held for new, gone or hidden for having moved a little.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +17,14 @@ from jaxmm.deviations.heights import passed_above
 from jaxmm.deviations.pose_errors import EXACT, HELD, KEPT, REGISTERED
 from jaxmm.deviations.shifted_columns import Beside, columns_of, shifts_of
 from jaxmm.deviations.tolerances import DeviationSettings
+from jaxmm.deviations.wholes import deviations_of_wholes
 from jaxmm.verdicts.behind_removed import filling
 from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior
+from jaxmm.verdicts.results import Key
 from jaxmm.verdicts.settings import DetectSettings
-from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, UNSCANNED, Verdict
-from warp_scanner.scenes.building import Building, element_bounds
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, UNSCANNED, Verdict, keys_of
+from warp_scanner.scenes.building import Building, element_bounds, rows_by_key
 from warp_scanner.scenes.building_edits import move_element
 from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.triangles import prepare_part
@@ -41,6 +43,8 @@ class AsBuilt(NamedTuple):
     prior: Prior  # with every element where it stands
     deviations: dict[int, Deviation]  # by row of the element; of those that stand within reach of their places
     tolerance: np.ndarray  # (E,) [m] of each element
+    # Of what has pieces, of which some face is seen; None where they do not move as one.
+    wholes: dict[Key, Deviation | None]
 
     def by(self, scans: int) -> "AsBuilt":
         """What the first so many scans tell of, as all of them do."""
@@ -98,7 +102,20 @@ def as_built(
         found = {row: one for row, one in found.items() if not vacant[row]}
         kept = {row: step for row, step in moved.items() if not vacant[row]}
         now = (_with_moved(prior, kept, found) if kept else prior)._replace(vacant=vacant)
-    return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)}, tolerance)
+    wholes = _wholes(prior, shown, found.keys() - shifts.keys(), limits)
+    return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)}, tolerance, wholes)
+
+
+def _wholes(
+    prior: Prior, shown: list[Faces], known: Collection[int], limits: DeviationSettings
+) -> dict[Key, Deviation | None]:
+    """What those tell together that are pieces of one element elsewhere."""
+    row_of, own = rows_by_key(prior.building.elements), set(prior.scene.triangles.element.tolist())
+    wholes = {}
+    for whole in prior.building.pieced:
+        if rows := [row for row in (row_of.get(key) for key in whole.pieces) if row in own]:
+            wholes[keys_of(whole)[0]] = rows, limits.of(class_name(whole.element.semantic))
+    return deviations_of_wholes(prior.scene, shown, wholes, known) if wholes else {}
 
 
 def panes_of(prior: Prior) -> np.ndarray | None:
@@ -146,8 +163,17 @@ def _step(one: Deviation) -> tuple[np.ndarray, np.ndarray]:
 
 def tolerances(prior: Prior, limits: DeviationSettings) -> np.ndarray:
     """(E,) [m] of each element, by its class."""
-    names = {value: name for name, value in CLASSES.items()}
-    return np.array([limits.of(names.get(int(one), "")) for one in prior.scene.triangles.semantic])
+    return np.array([limits.of(class_name(int(one))) for one in prior.scene.triangles.semantic])
+
+
+def class_name(semantic: int) -> str:
+    """What settings call a class of scenes; nothing for one that they do not know."""
+    return next((name for name, value in CLASSES.items() if value == semantic), "")
+
+
+def is_displaced(one: Deviation, tolerance: float, least_rays: int) -> bool:
+    """Whether so many rays end on an element, and most of those that could, and it is surely off by more [m]."""
+    return one.rays >= least_rays and one.stands >= STANDS and one.surely > tolerance
 
 
 def with_displaced(verdicts: list[Verdict], stands: AsBuilt, least_rays: int) -> list[Verdict]:
@@ -160,7 +186,7 @@ def with_displaced(verdicts: list[Verdict], stands: AsBuilt, least_rays: int) ->
         least = STANDS if verdict in (OCCLUDED, UNSCANNED) or row in glazed else WHOLLY
         if enough and one.stands >= least:
             verdict = PRESENT
-        if verdict == PRESENT and enough and one.stands >= STANDS and one.surely > stands.tolerance[row]:
+        if verdict == PRESENT and is_displaced(one, stands.tolerance[row], least_rays):
             ajar = semantic[row] in (DOOR, WINDOW) and (one.turn is None or abs(one.turn) > AJAR)
             verdict = PRESENT if ajar else DISPLACED
         found[row] = found[row]._replace(verdict=verdict)

@@ -146,7 +146,7 @@ def detect_stations(prior: Prior, stations: Stations, settings: DetectSettings) 
     elements = _elements(prior, verdicts, (stations, stood), stands, settings) if verdicts is not None else ()
     elements = _with_boxes(drawn_prior, elements)  # where the model has them, not where they stand
     if verdicts is not None:
-        elements = wholes_of(prior, verdicts, elements, settings, stands.deviations)
+        elements = wholes_of(prior, verdicts, elements, settings, stands)
     watch.lap("next views")
     records = _records(prior, stood, (told, stands, settings, mismatches), telling)
     drawing = drawing_of(drawn_prior, stations.kept(drawn_of), [one.placed.scan for one in stood])
@@ -187,7 +187,7 @@ class _Watch:
 
 def _as_built(prior: Prior, stations: Stations, faces: list[Faces], settings: DetectSettings) -> AsBuilt:
     if not knows_deviations(prior, settings):
-        return AsBuilt(prior, {}, np.zeros(0))
+        return AsBuilt(prior, {}, np.zeros(0), {})
     beside = stations.kept(lambda shelf: shelf["beside"])
     return as_built(prior, faces, beside, lambda there, rows: stations.each(moved_station, there, rows), settings)
 

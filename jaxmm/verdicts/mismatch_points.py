@@ -77,22 +77,25 @@ def inside(mismatch: Mismatch | Box | Unexplained, offsets: np.ndarray, origin: 
     return (np.abs(np.column_stack([along, across, away[:, 2]])) <= reach).all(axis=1)
 
 
-def signed_distances(detection: Detection) -> np.ndarray | None:
+def signed_distances(detection: Detection, rows: np.ndarray | None = None) -> np.ndarray | None:
     """How far each of the robot's points lies off the model's surface, (N,) float32 [m]; None where it has none.
 
     Positive before the surface, as seen from where the point was measured, negative behind it; NaN beyond FARTHEST.
+    `rows` are those that are asked for, in that order; None asks for all.
     """
     drawing = detection.drawing
     if drawing.faces is None or not len(drawing.faces):
         return None
     nothing = np.zeros(len(drawing.guid), np.uint8)
     scene = prepare(Triangles(drawing.vertices, drawing.faces, drawing.face_element, nothing))
-    distance = clearance(scene, drawing.robot, FARTHEST)
+    rows = np.arange(len(drawing.robot)) if rows is None else rows
+    points, number_of = drawing.robot[rows], drawing.robot_scan[rows]
+    distance = clearance(scene, points, FARTHEST)
     distance[distance >= FARTHEST] = np.nan
     for number, scan in enumerate(detection.scans):
-        own = np.flatnonzero(drawing.robot_scan == number)
+        own = np.flatnonzero(number_of == number)
         sensor = np.array(scan.pose[:3], np.float64) - drawing.origin
-        way = drawing.robot[own] - sensor
+        way = points[own] - sensor
         reach = lengths(way)
         own, way, reach = own[reach > 0.0], way[reach > 0.0], reach[reach > 0.0]
         if len(own):

@@ -5,7 +5,7 @@ pieces. E elements. A whole is gone only if all of its parts that can be told of
 does.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from jaxmm.classes.selection import is_of
 from jaxmm.classes.telling_rays import Telling
 from jaxmm.deviations.deviation import Deviation
 from jaxmm.learning.element_boxes import UprightBox
+from jaxmm.verdicts.as_built import AsBuilt, class_name, is_displaced
 from jaxmm.verdicts.behind_removed import filling, gone_of, holders
 from jaxmm.verdicts.mismatches import KINDS
 from jaxmm.verdicts.priors import Prior
@@ -29,7 +30,7 @@ from jaxmm.verdicts.verdicts import (
     of_pieced,
     within,
 )
-from warp_scanner.scenes.building import rows_by_key
+from warp_scanner.scenes.building import Pieced, rows_by_key
 
 Ask = Callable[[np.ndarray, np.ndarray], list[Telling]]
 
@@ -59,7 +60,7 @@ def wholes_of(
     verdicts: list[Verdict],
     elements: tuple[ElementVerdict, ...],
     settings: DetectSettings,
-    deviations: Mapping[int, Deviation],
+    stands: AsBuilt,
 ) -> tuple[ElementVerdict, ...]:
     """The verdicts of elements that are asked for, those of wholes by their parts, which name each other.
 
@@ -68,10 +69,10 @@ def wholes_of(
         verdicts: of all its elements, parts that nobody asks for, too.
         elements: those that are asked for, by themselves.
         settings: who is asked for. Wholes have a class of IFC and none of ours, but for what is in pieces elsewhere.
-        deviations: of its elements that were measured, by row.
+        stands: of its elements, and of what has them as pieces, where they stand.
     """
     storeys, own = prior.building.storeys, {one.key: one for one in elements}
-    told_of = _told_with_pieced(own, prior, verdicts, settings, deviations)  # which may be parts, too
+    told_of = _told_with_pieced(own, prior, verdicts, settings, stands)  # which may be parts, too
     for whole in prior.building.wholes:
         key, *parts = ((whole.file, guid) for guid in (whole.guid, *whole.parts))
         known = [told_of[one] for one in (key, *parts) if one in told_of]
@@ -97,7 +98,7 @@ def _told_with_pieced(
     prior: Prior,
     verdicts: list[Verdict],
     settings: DetectSettings,
-    deviations: Mapping[int, Deviation],
+    stands: AsBuilt,
 ) -> dict[Key, Verdict]:
     """Verdicts of all elements; those of what is in pieces elsewhere, by these, come among those asked for, too."""
     storeys, row_of = prior.building.storeys, rows_by_key(prior.building.elements)
@@ -106,15 +107,17 @@ def _told_with_pieced(
         told_of |= dict.fromkeys(keys_of(whole), told)
         each = [one for one in (whole.element, *whole.twins) if settings.asks_for(one.ifc_class, one.semantic)]
         keys = [(one.file, one.guid) for one in each]
-        stands = _deviation(told, [(verdicts[row], deviations.get(row)) for row in rows])
-        if told.verdict == DISPLACED and stands is None:
-            told = told._replace(verdict=PRESENT)
+        off = _deviation(whole, told, [(verdicts[row], stands.deviations.get(row)) for row in rows], stands)
+        if told.verdict in (PRESENT, DISPLACED):
+            limit = settings.deviations.of(class_name(whole.element.semantic))
+            is_off = off is not None and is_displaced(off, limit, settings.verdicts.least_rays)
+            told = told._replace(verdict=DISPLACED if is_off else PRESENT)
         view = _view(own, whole.pieces) if told.verdict == OCCLUDED else None
         box = UprightBox(whole.center, whole.size, (whole.yaw + 90.0) % 180.0 - 90.0).shifted(prior.origin)
         for number, (one, key) in enumerate(zip(each, keys, strict=True)):
             storey = storeys.name[one.storey] if one.storey >= 0 else ""
             own[key] = ElementVerdict(
-                one.guid, one.ifc_class, one.name, storey, *told, view, stands, box, one.file,
+                one.guid, one.ifc_class, one.name, storey, *told, view, off, box, one.file,
                 (*keys[:number], *keys[number + 1 :]),
             )  # fmt: skip
         here = [key for key in whole.pieces if key in row_of]
@@ -125,15 +128,18 @@ def _told_with_pieced(
     return told_of
 
 
-def _deviation(told: Verdict, parts: Sequence[tuple[Verdict, Deviation | None]]) -> Deviation | None:
-    """Of what is in pieces, that of the piece on which most rays end; None where pieces stand otherwise than others."""
-    if any(one.verdict in (PRESENT, DISPLACED, REMOVED) and one.verdict != told.verdict for one, _ in parts):
+def _deviation(
+    whole: Pieced, told: Verdict, parts: Sequence[tuple[Verdict, Deviation | None]], stands: AsBuilt
+) -> Deviation | None:
+    """Of what is in pieces, by the faces of all of them; where none shows a face, of that on which most rays end.
+
+    None where some are gone and others are not, or where they do not move as one.
+    """
+    if told.verdict != REMOVED and any(one.verdict == REMOVED for one, _ in parts):
         return None
-    measured = [off for one, off in parts if off is not None and one.verdict == told.verdict]
-    most = max(measured, key=lambda one: one.rays, default=None)
-    if told.verdict == DISPLACED and any(np.dot(one.offset, most.offset) < 0.0 for one in measured):
-        return None
-    return most
+    if (key := keys_of(whole)[0]) in stands.wholes:
+        return stands.wholes[key]
+    return max((off for _, off in parts if off is not None), key=lambda one: one.rays, default=None)
 
 
 def _view(own: dict[Key, ElementVerdict], keys: Sequence[Key]) -> Pose | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import jaxmm
 from jaxmm import detect
@@ -107,9 +108,11 @@ def seen(tmp_path):
     """Of an architect's wall and its pieces by the mason: what is told where some boxes stand."""
     write_room(tmp_path / "architect.ifc", table_of((*SHELL, WALL_GONE)), 0)
 
-    def told_where(standing, pieces=None, more=(), **given):
+    def told_where(standing, pieces=None, more=(), turn=0.0, **given):
         write_room(tmp_path / "mason.ifc", table_of(pieces or thirds()), 0)
-        write_room(tmp_path / "built.ifc", table_of((*SHELL, *standing)), 0)
+        built = table_of((*SHELL, *standing))
+        built.yaw[0, len(SHELL) :] = turn
+        write_room(tmp_path / "built.ifc", built, 0)
         write_scan(tmp_path / "scan.ply", scan(tmp_path / "built.ifc", POSE, SENSOR))
         also = [tmp_path / "mason.ifc", *more]
         found = detected(tmp_path / "architect.ifc", tmp_path / "scan.ply", also)
@@ -188,6 +191,21 @@ def test_a_wall_all_of_whose_pieces_stand_off_their_places_is_displaced(seen):
     found, (wall,), pieces = seen([((x, y - 0.06, z), half, kind)])
     assert not found.mismatches and {one.verdict for one in (wall, *pieces)} == {"displaced"}
     np.testing.assert_allclose(wall.deviation.offset, (0.0, -0.06, 0.0), atol=0.01)
+
+
+def test_a_wall_in_pieces_that_was_turned_is_told_and_written_as_one(seen, tmp_path):
+    """By two degrees about its middle: of pieces each by itself the outer ones are shifted, too."""
+    turn = np.radians(2.0)
+    found, (wall,), pieces = seen([WALL_GONE], turn=turn, as_built=True)
+    assert not found.mismatches and wall.verdict == "displaced" and len(pieces) == 3
+    assert wall.deviation.turn == pytest.approx(2.0, abs=0.1)
+    np.testing.assert_allclose(wall.deviation.offset, 0.0, atol=3e-3)
+    (folder,) = {path.parent for path in (tmp_path / "out").rglob("architect.ifc")} - {tmp_path / "out/updated"}
+    stands = read_ifc(folder / "architect.ifc")
+    row = stands.elements.guid.index(wall.guid)
+    corners = stands.triangles.vertices[stands.triangles.faces[stands.triangles.element == row]].reshape(-1, 3)
+    back = (corners + stands.origin - WALL_GONE[0]) @ Rotation.from_rotvec((0.0, 0.0, turn)).as_matrix()
+    np.testing.assert_allclose(np.abs(back), np.broadcast_to(WALL_GONE[1], back.shape), atol=8e-3)
 
 
 def test_a_wall_in_pieces_keeps_its_deviation_though_nobody_asks_for_the_pieces(seen):

@@ -3,7 +3,7 @@
 import pytest
 
 from jaxmm.config import ConfigError
-from jaxmm.deviations.tolerances import BEYOND, OPEN, WITHIN, DeviationSettings, din_of, loa_of
+from jaxmm.deviations.tolerances import BEYOND, OPEN, WITHIN, DeviationSettings, Slope, din_of, loa_of
 from jaxmm.verdicts.settings import load_settings
 
 
@@ -17,16 +17,17 @@ def test_levels_of_accuracy_are_those_of_the_document(off, name):
 
 
 @pytest.mark.parametrize(
-    "off, half, size, lean, height, name",
+    "off, half, size, slopes, name",
     [
-        (0.011, 0.0, 1.0, None, 3.0, BEYOND), (0.011, 0.0, 3.0, None, 3.0, WITHIN),
-        (0.011, 0.002, 3.0, None, 3.0, OPEN), (0.015, 0.0, 6.0, None, 3.0, WITHIN),
-        (-0.019, 0.0, 10.0, None, 3.0, WITHIN), (0.029, 0.0, 40.0, None, 3.0, WITHIN),
-        (0.0, 0.0, 6.0, 0.002, 3.0, WITHIN), (0.0, 0.0, 6.0, 0.003, 3.0, BEYOND),
+        (0.011, 0.0, 1.0, [], BEYOND), (0.011, 0.0, 3.0, [], WITHIN),
+        (0.011, 0.002, 3.0, [], OPEN), (0.015, 0.0, 6.0, [], WITHIN),
+        (-0.019, 0.0, 10.0, [], WITHIN), (0.029, 0.0, 40.0, [], WITHIN),
+        (0.0, 0.0, 6.0, [(0.006, 0.0, 3.0)], WITHIN), (0.0, 0.0, 6.0, [(0.009, 0.0, 3.0)], BEYOND),
+        (0.0, 0.0, 6.0, [(0.009, 0.002, 3.0)], OPEN), (0.0, 0.0, 6.0, [(0.006, 0.0, 3.0), (0.1, 0.0, 6.0)], BEYOND),
     ],
 )  # fmt: skip
-def test_din_18202_holds_sizes_and_angles(off, half, size, lean, height, name):
-    assert din_of(off, half, size, lean, height) == name
+def test_din_18202_holds_sizes_and_angles(off, half, size, slopes, name):
+    assert din_of(off, half, size, [Slope(*one) for one in slopes]) == name
 
 
 def test_a_class_may_have_its_own_tolerance(tmp_path):

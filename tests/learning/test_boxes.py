@@ -330,6 +330,26 @@ def test_an_empty_cloud_has_no_boxes():
             "removed",
             "A wall has been removed at [196.75 75.84 10.] with dimensions [12. 0.15 7.85].",
         ),
+        (  # along y
+            Box("wall", np.array([1.0, 2.0, 1.5]), np.array([4.0, 0.2, 3.0]), -89.8),
+            "added",
+            "A wall has been added at [1. 2. 1.5] with dimensions [0.2 4. 3.].",
+        ),
+        (
+            Box("wall", np.array([1.0, 2.0, 1.5]), np.array([4.0, 0.2, 3.0]), 30.0),
+            "added",
+            "A wall has been added at [1. 2. 1.5] with dimensions [4. 0.2 3.], turned by 30° counter-clockwise.",
+        ),
+        (
+            Box("wall", np.array([1.0, 2.0, 1.5]), np.array([4.0, 0.2, 3.0]), 75.0),
+            "removed",
+            "A wall has been removed at [1. 2. 1.5] with dimensions [0.2 4. 3.], turned by 15° clockwise.",
+        ),
+        (  # a round one looks the same from all sides
+            Box("pillar", np.array([1.0, 2.0, 1.5]), np.array([0.4, 0.4, 3.0]), 30.0, "round"),
+            "added",
+            "A pillar has been added at [1. 2. 1.5] with dimensions [0.4 0.4 3.].",
+        ),
     ],
 )
 def test_sentence(box, mismatch_type, expected):

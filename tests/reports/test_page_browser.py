@@ -77,7 +77,10 @@ def test_browser_draws_and_layers_change_the_picture(driver, case, tmp_path):
         shown = page.run("return getComputedStyle(document.querySelector('#legend .ramp')).backgroundImage")
         assert shown.startswith("linear-gradient")
         page.run(SET, "mode", "evidence", "change")
-        assert changed_share(all_on, page.picture()) > 1e-3 and "support" in page.text("legend")
+        by_evidence = page.picture()
+        assert changed_share(all_on, by_evidence) > 1e-3 and "support" in page.text("legend")
+        page.run(SET, "mode", "distance", "change")
+        assert changed_share(by_evidence, page.picture()) > 1e-3 and "by how far off the model" in page.text("legend")
         page.run(SET, "cut-height", "-1.5", "input")
         assert changed_share(all_on, page.picture()) > 0.05
         assert case.detection.summary() in page.driver.title

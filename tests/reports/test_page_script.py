@@ -65,6 +65,8 @@ def test_colours_go_both_ways_from_none_and_end_with_the_scale():
     most = [0.004, 0.0051, 0.06, 0.9]
     scales = evaluated(f"{most}.map((size) => offScale([null, {{ distance: -size, half: 0 }}]))")
     assert scales == [0.005, 0.01, 0.1, 0.5]
+    turned = "{ distance: -0.0001, most: 0.1, half: 0.001, at_ends: true }"
+    assert evaluated(f"offLook({turned}, 0.03, 0.1).tint") == ramp[0]
 
 
 def test_an_arrow_is_as_many_times_as_long_as_the_legend_says():
@@ -73,6 +75,8 @@ def test_an_arrow_is_as_many_times_as_long_as_the_legend_says():
     np.testing.assert_allclose(tip - start, 20 * np.array([0.03, 0.0, -0.04]))
     rows = "[[], [{ offset: [0, 0.06, 0] }], [{ offset: [0.3, 0.3, 0] }]]"
     assert evaluated(f"{rows}.map(arrowTimes)") == [50, 20, 5]
+    turned = "[{ offset: [0, 0, 0], arrows: [[[0, 0, 0], [0, 0.1, 0]], [[3, 0, 0], [0, -0.1, 0]]] }]"
+    assert evaluated(f"arrowTimes({turned})") == 10  # what is turned about its middle is off at its ends
     assert len(heads) == 2 and all(np.allclose(stroke[0], tip) for stroke in heads)
     assert evaluated("arrowStrokes([1, 2, 3], [0, 0, 0], 20)") == []
 

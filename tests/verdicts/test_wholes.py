@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jaxmm.classes.telling_rays import Telling
+from jaxmm.verdicts.as_built import AsBuilt
 from jaxmm.verdicts.priors import prior_of_building
 from jaxmm.verdicts.results import ElementVerdict
 from jaxmm.verdicts.settings import DetectSettings
@@ -62,7 +63,9 @@ def test_a_part_that_another_file_has_in_pieces_tells_of_its_whole(standing):
         ElementVerdict(guid, "IfcSlab", "", "", *one, file=file)
         for guid, file, one in zip(table.guid, table.file, verdicts, strict=True)
     )
-    found = {one.guid: one for one in wholes_of(prior_of_building(building), verdicts, elements, settings, {})}
+    prior = prior_of_building(building)
+    stands = AsBuilt(prior, {}, np.zeros(0), {})
+    found = {one.guid: one for one in wholes_of(prior, verdicts, elements, settings, stands)}
     assert found["roof"].verdict == (PRESENT if standing == PRESENT else REMOVED)
     assert found["roof"].parts == (("a.ifc", slab[1]), ("a.ifc", "other"))
     assert found["other"].part_of == (("a.ifc", "roof"),) and found["other"].verdict == standing

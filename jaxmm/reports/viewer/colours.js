@@ -23,8 +23,13 @@ const ROBOT_RAMP = ["#7d8894", ADDED];
 const PRIOR_RAMP = ["#b9b2a3", REMOVED];
 const SCANS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#a89c00", "#8a5a44"];
 
-/** What points may be coloured by; the last where there are several scans. */
-const MODES = ["probability", "evidence", "scan"];
+/** What points may be coloured by; by distances where the model has a surface, by scans where there are several. */
+const MODES = ["probability", "evidence", "distance", "scan"];
+const usualModes = () => MODES.filter((name) =>
+  name === "distance" ? arrays.robot_distance.length > 0 : name !== "scan" || report.scans.length > 1);
+/** Points by how far off the model they are: as elements, but for those in place, which would be lost on the paper. */
+const DISTANCE_RAMP = [OFF_RAMP[0], "#a3aab1", OFF_RAMP[2]];
+const FAR = "#cc79a7"; // of points that are farther off than the scale goes
 
 const scanTint = (scan) => (report.scans.length > 1 ? SCANS[scan % SCANS.length] : ink());
 /** What elements may be coloured by: their verdict, or how far off its place each stands. */

@@ -83,7 +83,7 @@ function showControls(state, changed) {
   const scans = report.scans.map((_, scan) => scanBox(state, scan, changed));
   if (scans.length > 1) byId("scan-list").append(...scans);
   const mode = byId("mode");
-  mode.append(...MODES.slice(0, report.scans.length > 1 ? 3 : 2).map((name) => make("option", { value: name }, name)));
+  mode.append(...usualModes().map((name) => make("option", { value: name }, name)));
   mode.addEventListener("change", () => { state.mode = mode.value; changed(); });
   const slider = byId("cut-height");
   const { floor, ceiling } = data.frame;

@@ -4,7 +4,7 @@ window.jaxmm = { ready: false, errors: [] };
 window.addEventListener("error", (event) => window.jaxmm.errors.push(String(event.message)));
 window.addEventListener("unhandledrejection", (event) => window.jaxmm.errors.push(String(event.reason)));
 
-const KINDS = { float32: Float32Array, int32: Int32Array, uint8: Uint8Array };
+const KINDS = { float32: Float32Array, int32: Int32Array, int16: Int16Array, uint8: Uint8Array };
 const data = JSON.parse(document.getElementById("data").textContent);
 const report = data.report;
 const arrays = Object.fromEntries(Object.entries(data.arrays).map(([name, one]) => [name, decoded(one)]));

@@ -17,9 +17,12 @@ function offCounts(rows, tolerance) {
   return { measured: measured.length, beyond, open: reach - beyond };
 }
 
+/** The signed distance [m] that an element is coloured by: of what is turned or leans that of its ends. */
+const shownOff = (one) => (one.at_ends ? (one.distance < 0 ? -one.most : one.most) : one.distance);
+
 /** The end [m] of a scale that holds all distances, or nearly: one of OFF_STEPS. */
 function offScale(rows) {
-  const most = Math.max(0, ...rows.map((one) => (one === null ? 0 : Math.abs(one.distance))));
+  const most = Math.max(0, ...rows.map((one) => (one === null ? 0 : Math.abs(shownOff(one)))));
   return OFF_STEPS.find((step) => most <= step) ?? OFF_STEPS[OFF_STEPS.length - 1];
 }
 
@@ -37,12 +40,13 @@ function offTint(distance, scale) {
 /** How an element is drawn when elements are coloured by their distance; null of one that was not measured. */
 function offLook(one, tolerance, scale) {
   if (one === null) return null;
-  return { tint: offTint(one.distance, scale), fill: isBeyond(one, tolerance) ? 0.6 : 0.22 };
+  return { tint: offTint(shownOff(one), scale), fill: isBeyond(one, tolerance) ? 0.6 : 0.22 };
 }
 
 /** How many times as long as these offsets their arrows are: the most that keeps them bearable. */
 function arrowTimes(rows) {
-  const longest = Math.max(0, ...rows.map((one) => Math.hypot(...one.offset)));
+  const offsets = rows.flatMap((one) => one.arrows?.map(([, offset]) => offset) ?? [one.offset]);
+  const longest = Math.max(0, ...offsets.map((offset) => Math.hypot(...offset)));
   return ARROW_TIMES.find((times) => times * longest <= LONGEST_ARROW) ?? ARROW_TIMES[ARROW_TIMES.length - 1];
 }
 

@@ -79,7 +79,7 @@ function thingLines(cut) {
   return lines;
 }
 
-/** Arrows of elements that stand off their places, from the middle of each along its offset. */
+/** Arrows of elements that stand off their places: from the middle of each along its offset, or from its ends. */
 function offsetArrows(keys, bounds) {
   const lines = [];
   for (const key of keys) {
@@ -88,12 +88,13 @@ function offsetArrows(keys, bounds) {
   return lines;
 }
 
-/** The strokes of one element's arrow, from tail to tip first; none where it was not measured or is not drawn. */
+/** The strokes of an element's arrows, of each from tail to tip first; none where it was not measured or is not drawn. */
 function arrowOf(key, bounds) {
   const [element, off] = [indexOfKey.get(key), offOfKey.get(key)];
   if (!off || element === undefined || !Number.isFinite(bounds[6 * element])) return [];
   const middle = [0, 1, 2].map((axis) => (bounds[6 * element + axis] + bounds[6 * element + 3 + axis]) / 2);
-  return arrowStrokes(middle, off.offset, arrowsLong);
+  const arrows = off.arrows ?? [[middle, off.offset]];
+  return arrows.flatMap(([place, offset]) => arrowStrokes(place, offset, arrowsLong));
 }
 
 /** Unit vector of a pose: yaw counter-clockwise from x, pitch up [deg]. */

@@ -43,7 +43,7 @@ function painterOf(gl) {
     boxes: [],
     sensors: sensorsOf([]),
     proposal: null,
-    robot: pointItem(gl, programs, arrays.robot, arrays.robot_probability, arrays.robot_evidence),
+    robot: pointItem(gl, programs, arrays.robot, arrays.robot_probability, arrays.robot_evidence, arrays.robot_distance),
     prior: pointItem(gl, programs, arrays.prior, arrays.prior_probability, arrays.prior_evidence),
   };
   painter.cutAt = (z) => {
@@ -113,12 +113,14 @@ function boxItem(gl, programs, mismatch, cut, old) {
 }
 
 /** Points, with a reader of all of them, of every second one, and so on, by the steps of DETAILS. */
-function pointItem(gl, programs, place, probability, evidence) {
-  const buffers = [place, probability, evidence].map((values) => filled(gl, values));
+function pointItem(gl, programs, place, probability, evidence, distance = []) {
+  const off = distance.length ? distance : new Int16Array(place.length / 3);
+  const buffers = [place, probability, evidence, off].map((values) => filled(gl, values));
   const readers = DETAILS.map(({ step }) => readBy(gl, programs.points, [
     { name: "place", buffer: buffers[0], size: 3, kind: gl.FLOAT, stride: 12 * step },
     { name: "probability", buffer: buffers[1], size: 1, kind: gl.UNSIGNED_BYTE, normalized: true, stride: step },
     { name: "evidence", buffer: buffers[2], size: 1, kind: gl.UNSIGNED_BYTE, stride: step },
+    { name: "off", buffer: buffers[3], size: 1, kind: gl.SHORT, stride: 2 * step },
   ]));
   return { readers, count: place.length / 3 };
 }
@@ -180,6 +182,8 @@ function drawPoints({ gl, programs, robot, prior }, state, view) {
   const wider = step ** 0.25; // fewer points cover a little more each
   gl.uniform2f(at.sizes, 1.8 * view.ratio * wider, 9 * view.ratio * wider);
   gl.uniform3fv(at.palette, Object.values(EVIDENCE).flatMap(rgb));
+  gl.uniform3fv(at.offs, [...DISTANCE_RAMP, FAR].flatMap(rgb));
+  gl.uniform1f(at.scale, OFF_SCALE / data.distance_step);
   const ranges = (item, mode, ramp, round, parts) => {
     gl.bindVertexArray(item.readers[view.detail]);
     gl.uniform1i(at.mode, mode);
@@ -193,7 +197,8 @@ function drawPoints({ gl, programs, robot, prior }, state, view) {
     }
   };
   const mode = MODES.indexOf(state.mode);
-  if (state.layers.prior) ranges(prior, mode, PRIOR_RAMP, 0, [[0, prior.count, PRIOR_RAMP[0]]]);
+  // Of the model's own points nothing is off, and they would hide where those of the scan are.
+  if (state.layers.prior && state.mode !== "distance") ranges(prior, mode, PRIOR_RAMP, 0, [[0, prior.count, PRIOR_RAMP[0]]]);
   if (state.layers.robot) {
     const starts = scanStarts();
     const parts = report.scans.map((_, scan) => [starts[scan], starts[scan + 1], scanTint(scan)]);

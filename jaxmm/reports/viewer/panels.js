@@ -168,6 +168,12 @@ function showLegend(state) {
       [ramp(PRIOR_RAMP), "model: gone"],
       [null, "Points that nobody could tell of are at the left end."],
     ]));
+  } else if (state.mode === "distance") {
+    const end = Math.round(1000 * OFF_SCALE);
+    groups.push(group("Robot points, by how far off the model", [
+      [ramp(DISTANCE_RAMP), `from −${end} mm, behind its surface, over 0 to +${end} mm, before it`],
+      [swatch(FAR, "dot"), "farther"],
+    ]));
   } else if (state.mode === "evidence") {
     for (const [title, words, shape] of [["Model points", "prior", "square"], ["Robot points", "robot", "dot"]]) {
       const rows = Object.entries(EVIDENCE).map(([name, tint]) => [

@@ -86,21 +86,26 @@ const POINT_SHADERS = [
 in vec3 place;
 in float probability;
 in float evidence;
+in float off; // steps off the model
 uniform mat4 matrix;
 uniform vec2 between;
 uniform float diameter; // [pixel] at one metre
 uniform vec2 sizes; // least and greatest [pixel]
-uniform int mode; // 0 by probability, 1 by evidence, 2 all alike
+uniform int mode; // 0 by probability, 1 by evidence, 2 by distance, 3 all alike
 uniform vec3 calm;
 uniform vec3 hot;
 uniform vec3 palette[4];
+uniform vec3 offs[4]; // away from the scanner, in place, toward it, and farther off
+uniform float scale; // steps that end the scale of distances
 uniform vec3 plain;
 out vec3 ink;
 void main() {
   gl_Position = matrix * vec4(place, 1.0);
-  float share = mode == 0 ? probability : 0.0;
+  float share = mode == 0 ? probability : mode == 2 ? 1.0 : 0.0;
   gl_PointSize = clamp(diameter / gl_Position.w, sizes.x, sizes.y) * (1.0 + 0.5 * share);
-  ink = mode == 0 ? mix(calm, hot, probability) : mode == 1 ? palette[int(evidence)] : plain;
+  float part = off / scale;
+  vec3 far = abs(part) > 1.0 ? offs[3] : mix(offs[1], offs[part < 0.0 ? 0 : 2], abs(part));
+  ink = mode == 0 ? mix(calm, hot, probability) : mode == 1 ? palette[int(evidence)] : mode == 2 ? far : plain;
   if (place.z < between.x || place.z > between.y) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
 }`,
   `#version 300 es

@@ -13,7 +13,7 @@ const COLUMNS = [
   ["GlobalId", "", (one) => make("code", {}, one.guid)],
 ];
 
-const offCell = (off) => (off ? fixed(1000 * off.distance, 1) : "");
+const offCell = (off) => (off ? `${fixed(1000 * shownOff(off), 1)}${off.at_ends ? " at its ends" : ""}` : "");
 
 /** What asks most for attention comes first. */
 function orderedElements() {

@@ -30,8 +30,9 @@ function typeWords(one) {
 }
 /** A place: "x 1.20, y -0.35, z 0.00 m". */
 const metres = (values) => `${values.map((value, axis) => `${"xyz"[axis]} ${fixed(value, 2)}`).join(", ")} m`;
-/** A measured offset, without sign: "23 mm". */
+/** A measured offset, without sign: "23 mm", or that of the ends of what is turned or leans. */
 function millimetres(one) {
+  if (one.at_ends) return `${(1000 * one.most).toFixed(one.half < 0.0005 ? 1 : 0)} mm at its ends`;
   const fine = one.half < 0.0005 || Math.abs(one.distance) < 0.001;
   return `${(1000 * Math.abs(one.distance)).toFixed(fine ? 1 : 0)} mm`;
 }
