@@ -18,6 +18,9 @@ INTERVAL_WORDS = (
     "flat the faces are, and what is open of the scanner's pose."
 )
 NORTH_WORDS = "North is +y of the model's frame and east +x, whatever the site's own north is."
+UNMEASURED_WORDS = (
+    "too few rays end on a face of it, or all meet it at a flat angle, or all that is off may be the scanner's pose"
+)
 SIGN_WORDS = "An offset is positive toward the scanner, negative away from it."
 COMPASS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")  # from +x on
 NEAR = math.cos(math.radians(22.5))  # of a direction to one that has a word
@@ -151,7 +154,8 @@ def summary_of(elements: Iterable[ElementVerdict]) -> str:
     # Values that were measured: what lies between two of them, of few, holds less than the share that is told.
     half, most = (millimetres(float(np.quantile(off, share, method="inverted_cdf"))) for share in (0.5, 0.95))
     were, stand = ("was", "stands") if len(told) == 1 else ("were", "stand")
+    others = f" Of any other {UNMEASURED_WORDS}; or it is gone." if len(told) < count else ""
     return (
         f"{len(told)} of {count} elements {were} measured: half of them {stand} within {half} mm of their places, 95 % "
-        f"within {most} mm."
+        f"within {most} mm.{others}"
     )

@@ -113,6 +113,7 @@ def test_the_worst_comes_first_by_what_is_sure():
     rows = rows_of(deviations_csv(ones))
     assert [row["name"] for row in rows] == ["sure", "less", "open", "present", "in place"]
     assert "5 of 6 elements were measured" in summary_of(ones) and summary_of(ones[4:5]) == ""
+    assert summary_of(ones).endswith("or it is gone.") and "Of any other" not in summary_of(ones[:4])
 
 
 @pytest.mark.parametrize("zeros, half, most", [(7, 0, 80), (19, 0, 0), (18, 0, 80), (1, 0, 80), (0, 80, 80)])

@@ -9,7 +9,7 @@ from shutil import which
 import numpy as np
 import pytest
 
-from jaxmm.reports.deviation_words import NORTH_WORDS
+from jaxmm.reports.deviation_words import NORTH_WORDS, UNMEASURED_WORDS
 from jaxmm.reports.page import page_text
 from tests.cases.displaced import deviation, with_displaced
 
@@ -122,6 +122,10 @@ def test_the_card_of_an_element_says_its_offset_and_how_sure_it_is(removed, tmp_
     assert card.count("nothing that was seen fixes it") == 2 and "LOA20, DIN 18202: beyond" in card
     unseen = next(one.guid for one in told.elements if one.deviation is None)
     assert "off its place" not in run(tmp_path, told, CARD.replace("arguments_.guid", json.dumps(unseen)))
+    elements = [one._replace(deviation=None) if one.verdict == "present" else one for one in told.elements]
+    stands = next(one.guid for one in elements if one.verdict == "present")
+    open_ = told._replace(elements=tuple(elements))
+    assert UNMEASURED_WORDS in run(tmp_path, open_, CARD.replace("arguments_.guid", json.dumps(stands)))
 
 
 TOLERANCE = """

@@ -66,10 +66,13 @@ function elementNodes(key, named) {
   return [rows, meaning, ...offsetNodes(one), ...evidenceNodes(one.evidence)];
 }
 
-/** How far off its place an element stands; nothing of one that was not measured. */
+/** How far off its place an element stands; of one that stands and was not measured, why, if others were. */
 function offsetNodes(one) {
   const [told, off] = [one.deviation, offOfKey.get(one.key)];
-  if (!told || !off) return [];
+  if (!told || !off) {
+    const asks = one.verdict === "present" && data.deviations.some((other) => other !== null);
+    return asks ? [pairs([["off its place", `not measured: ${data.words.unmeasured}`]])] : [];
+  }
   const inMillimetres = (value) => fixed(1000 * value, off.half < 0.0005 ? 1 : 0);
   const axes = ["x", "y", "z"].map((name, axis) => {
     const span = told.interval[axis];
