@@ -32,6 +32,7 @@ from benchmarks.command_line import CommandLine
 from benchmarks.poses import disturbed
 from benchmarks.timing import write_report
 from benchmarks.views.building_views import building_places, scanned
+from benchmarks.views.furniture import furniture_before_walls
 from benchmarks.views.kept_views import KeptViews
 from benchmarks.views.place_rivals import told_by_rivals
 from benchmarks.views.told_offsets import draw_told, share_with_interval, told_table
@@ -49,11 +50,10 @@ from warp_scanner import draws
 from warp_scanner.buildings.changes import of_element
 from warp_scanner.buildings.positions import draw_positions
 from warp_scanner.rooms.standing import Standing
-from warp_scanner.scenes.building import Triangles
+from warp_scanner.scenes.building import element_bounds
 from warp_scanner.scenes.building_edits import join, move_element
-from warp_scanner.scenes.scenes import OTHER, PILLAR, WALL
+from warp_scanner.scenes.scenes import PILLAR, WALL
 from warp_scanner.sensors.poses import Pose
-from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sense import rays_of
 from warp_scanner.sensors.sensors import sensor_named
 from warp_scanner.sensors.triangles import cast_triangles, prepare
@@ -65,13 +65,13 @@ LEAST_RAYS = 500  # that end on an element, to be counted
 LEAST_SEEN = 0.002  # share of the rays that would meet an element, for it to be moved
 SHIFT, TURN = (0.005, 0.3), (0.2, 3.0)  # [m], [deg]
 SCANS = 3  # that are told together
+NEAR = 0.2  # [m] about a box in plan, within which something new is that box
 AT_ONCE = 8  # rooms that are made together: of all at once a scanner's rays fill the memory
-BOXES = 8  # that stand about as furniture
 MOST_RANGE = {sensor_named("oak-d-pro-real"): 4.0}  # [m]
 COLUMNS = (
     "view", "views", "refused", "doubted", "moved", "measured", "median error [mm]", "of what stands still [mm]",
     "held", "median half interval [mm]", "C2M [mm]", "M3C2 [mm]", "moved, told removed or hidden",
-    "still, told displaced", "false new", "false removed",
+    "still, told displaced", "false new", "of these furniture", "false removed",
 )  # fmt: skip
 
 
@@ -105,6 +105,7 @@ class Case(NamedTuple):
     scans: list[PosedScan]
     moved: dict[int, np.ndarray]  # row -> (3,) [m] by which the middle of the element was moved
     turned: set[int]  # rows that were turned, or lean
+    boxes: np.ndarray  # (2, F, 3) [m] lower and upper corners of furniture
     rivals: dict[str, dict[int, float]]  # by peer: row -> [m] off its place; of several scans no peer tells
 
 
@@ -131,13 +132,15 @@ def case_of(prior: Prior, sensor: str, pose: Pose, kind: Kind, key: tuple[int, i
         if np.any(turn):
             turned.add(int(row))
         triangles = move_element(triangles, int(row), step, turn)
-    if kind.furnished:
-        triangles = join(triangles, _furniture(prior, rays, rng))
+    furniture = furniture_before_walls(prior.scene, rays, rng) if kind.furnished else None
+    if furniture is not None:
+        triangles = join(triangles, furniture)
+    boxes = np.zeros((2, 0, 3)) if furniture is None else np.stack(element_bounds(furniture))
     scene, stands = prepare(triangles), np.ones(len(triangles.semantic), bool)
     poses = [pose, *_other_places(prior, key)][: kind.scans]
     scans = [scanned(scene, stands, (sensor_named(sensor), one), (key[0], key[1] + 1000 * number))[0]
              for number, one in enumerate(poses)]  # fmt: skip
-    return Case(prior, scans, steps, turned, told_by_rivals(prior.scene, scans[0]) if kind.scans == 1 else {})
+    return Case(prior, scans, steps, turned, boxes, told_by_rivals(prior.scene, scans[0]) if kind.scans == 1 else {})
 
 
 def _other_places(prior: Prior, key: tuple[int, int]) -> list[Pose]:
@@ -162,29 +165,6 @@ def _motion(prior: Prior, row: int, rng: np.random.Generator) -> tuple[np.ndarra
     angle = np.radians(np.exp(rng.uniform(*np.log(TURN)))) * rng.choice((-1.0, 1.0))
     way = np.array([0.0, 0.0, 1.0]) if kind < 0.8 else np.cross([0.0, 0.0, 1.0], across)
     return np.zeros(3), way * angle
-
-
-def _furniture(prior: Prior, rays: Rays, rng: np.random.Generator) -> Triangles:
-    """Boxes that stand before walls, up to 0.3 m from them."""
-    import trimesh  # slow to import
-
-    found = []
-    origin = rays.origin[0].astype(np.float64)
-    for turn in rng.uniform(0.0, 2.0 * np.pi, BOXES):
-        way = np.array([np.cos(turn), np.sin(turn), 0.0], np.float32)
-        down = np.array([0.0, 0.0, -1.0], np.float32)
-        reach = cast_triangles(prior.scene, Rays(origin[None], np.stack([way, down]))).distance[0]
-        size = np.array([rng.uniform(0.3, 0.6), rng.uniform(0.5, 1.5), rng.uniform(0.7, 2.1)])
-        reach[0] -= size[0] / 2.0 + rng.uniform(0.02, 0.3)
-        if not np.isfinite(reach).all() or reach[0] < 1.2:
-            continue
-        box = trimesh.creation.box(size, trimesh.transformations.rotation_matrix(turn, [0.0, 0.0, 1.0]))
-        box.apply_translation(origin + way * reach[0] - [0.0, 0.0, reach[1] - size[2] / 2.0])
-        found.append(box)
-    whole = trimesh.util.concatenate(found) if found else trimesh.Trimesh()
-    element = np.repeat(np.arange(len(found)), [len(box.faces) for box in found]).astype(np.int32)
-    vertices, faces = np.asarray(whole.vertices, np.float32), np.asarray(whole.faces, np.int32)
-    return Triangles(vertices.reshape(-1, 3), faces.reshape(-1, 3), element, np.full(len(found), OTHER, np.uint8))
 
 
 def places_of(asked: argparse.Namespace, sensor: str, kept: KeptViews) -> Iterator[tuple[str, int, Prior, Pose]]:
@@ -212,7 +192,8 @@ def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: n
         return {"refused": 1}
     told: dict[str, Any] = {"doubted": int(bool(found.doubts)), "new": 0, "gone": 0, "elements": []}
     told["sentences"] = [*found.sentences, *found.doubts]
-    told["new"] = sum(one.mismatch_type == "added" for one in found.mismatches)
+    new = [one.center - case.prior.origin for one in found.mismatches if one.mismatch_type == "added"]
+    told["new"], told["new boxes"] = len(new), sum(_is_box(case, one) for one in new)
     farthest = MOST_RANGE.get(case.scans[0].sensor, np.inf)
     rows = {guid: row for row, guid in enumerate(case.prior.building.elements.guid)}
     for one in found.elements:
@@ -232,6 +213,12 @@ def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: n
             new |= {name: scores[row] - true for name, scores in case.rivals.items() if row in scores}
         told["elements"].append(new)
     return told
+
+
+def _is_box(case: Case, place: np.ndarray) -> bool:
+    """Whether what is told to be new at a place (3,) [m] is furniture."""
+    low, high = case.boxes[..., :2]
+    return bool(np.any(np.all((place[:2] > low - NEAR) & (place[:2] < high + NEAR), axis=1)))
 
 
 def _range(case: Case, row: int) -> float:
@@ -262,7 +249,8 @@ def row_of(case: str, told: list[dict[str, Any]]) -> dict[str, Any]:
         "C2M": middle("C2M", known), "M3C2": middle("M3C2", known),
         "gone": _counts([each["verdict"] in (REMOVED, OCCLUDED, UNSCANNED) for each in moved]),
         "falsely displaced": _counts([each["verdict"] == DISPLACED for each in still]),
-        "new": sum(one["new"] for one in views), "removed": sum(one["gone"] for one in views),
+        "new": sum(one["new"] for one in views), "boxes": sum(one["new boxes"] for one in views),
+        "removed": sum(one["gone"] for one in views),
     }  # fmt: skip
 
 
@@ -334,7 +322,7 @@ def _line(row: dict[str, Any]) -> str:
     shares = {name: share_with_interval(*row[name]) for name in SHARES}
     names = (
         "case", "views", "refused", "doubted", "moved", "measured", "ours", "still", "held", "half", "C2M", "M3C2",
-        "gone", "falsely displaced", "new", "removed",
+        "gone", "falsely displaced", "new", "boxes", "removed",
     )  # fmt: skip
     return "| " + " | ".join(str((row | mm | shares)[name]) for name in names) + " |"
 
