@@ -123,6 +123,11 @@ def turn_in_words(one: Deviation) -> str:
     return f", {how or 'bent'}: {millimetres(one.worst, one.half)} mm off at its ends"
 
 
+def off_in_words(one: Deviation) -> str:
+    """Both: "0 mm (-1 to 1) to the east, turned by 2.0° clockwise: 50 mm off at its ends"."""
+    return offset_in_words(one) + turn_in_words(one)
+
+
 def turned_by(turn: float, digits: int = 1) -> str:
     """A turn [deg] about the vertical, counter-clockwise positive: "turned by 77.0° clockwise"."""
     return f"turned by {abs(turn):.{digits}f}° {'counter-clockwise' if turn > 0.0 else 'clockwise'}"

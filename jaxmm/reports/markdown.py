@@ -19,7 +19,7 @@ from jaxmm.reports.deviation_words import (
     NORTH_WORDS,
     displaced,
     millimetres,
-    offset_in_words,
+    off_in_words,
     place_in_words,
     summary_of,
 )
@@ -236,7 +236,7 @@ def _displaced(elements: tuple[ElementVerdict, ...]) -> list[str]:
         told = one.deviation
         rows.append([
             index, _identifier(one.guid), *(escaped(text) or GAP for text in (one.ifc_class, one.name, one.storey)),
-            escaped(offset_in_words(told)), escaped(number(told.turn, 1)), number(told.lean, 1),
+            escaped(off_in_words(told)), escaped(number(told.turn, 1)), number(told.lean, 1),
             millimetres(told.flatness), told.rays, told.classes["loa"], told.classes["din18202"],
         ])  # fmt: skip
     columns = (

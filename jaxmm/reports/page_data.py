@@ -18,9 +18,8 @@ from jaxmm.reports.deviation_words import (
     SIGN_WORDS,
     UNMEASURED_WORDS,
     is_off_at_ends,
-    offset_in_words,
+    off_in_words,
     place_in_words,
-    turn_in_words,
 )
 from jaxmm.reports.markdown import printable
 from jaxmm.reports.offset_arrows import offsets_of
@@ -154,7 +153,7 @@ def _deviation(one: ElementVerdict, drawing: Drawing) -> dict[str, Any] | None:
     return {
         "offset": [float(value) for value in told.offset], "distance": told.distance, "most": told.most,
         "half": told.half, "at_ends": is_off_at_ends(told), "arrows": _arrows(one, drawing),
-        "words": offset_in_words(told) + turn_in_words(told), "sentence": printable(place_in_words(one)),
+        "words": off_in_words(told), "sentence": printable(place_in_words(one)),
     }  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from jaxmm.deviations.deviation import Deviation
 from jaxmm.files import write_atomically, write_json, write_text
 from jaxmm.formats.cloud_files import write_ply
 from jaxmm.rays.evidence import BLOCKED, FRACTIONS, SUPPORT, THROUGH, UNSEEN
-from jaxmm.reports.deviation_words import displaced, measured, offset_in_words, place_in_words, span_of
+from jaxmm.reports.deviation_words import displaced, measured, off_in_words, place_in_words, span_of
 from jaxmm.reports.markdown import as_markdown, printable
 from jaxmm.reports.removed_words import removed_in_words, removed_others
 from jaxmm.reports.report_json import to_json
@@ -139,7 +139,7 @@ def deviations_csv(elements: Iterable[ElementVerdict]) -> str:
     """
     rows = []
     for one in measured(elements):
-        words = offset_in_words(one.deviation)
+        words = off_in_words(one.deviation)
         rows.append(
             [one.guid, one.ifc_class, one.name, one.storey, one.verdict, words, *_deviation(one.deviation), one.file]
         )

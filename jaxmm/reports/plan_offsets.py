@@ -15,7 +15,7 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from jaxmm.reports.deviation_words import kind_of_class, offset_in_words, turn_in_words
+from jaxmm.reports.deviation_words import kind_of_class, off_in_words
 from jaxmm.reports.figures import COLOR_DISPLACED
 from jaxmm.reports.markdown import printable
 from jaxmm.reports.offset_arrows import offsets_of
@@ -93,7 +93,7 @@ def offset_entries(worst: Sequence[ElementVerdict]) -> list[Patch]:
     entries = []
     for letter, one in zip(ascii_uppercase[:MOST_WORST], worst, strict=False):
         name = shown_name(one.name or one.guid)
-        words = offset_in_words(one.deviation) + turn_in_words(one.deviation)
+        words = off_in_words(one.deviation)
         text = f"{letter}: {kind_of_class(one.ifc_class)} {name}, {words}"
         entries.append(textwrap.fill(text, _LINE, subsequent_indent="    "))
     if len(worst) > MOST_WORST:

@@ -14,7 +14,7 @@ from typing import Any
 
 from jaxmm.files import write_atomically
 from jaxmm.reports.archives import write_zip
-from jaxmm.reports.deviation_words import displaced, measured, offset_in_words, place_in_words, span_of
+from jaxmm.reports.deviation_words import displaced, measured, off_in_words, place_in_words, span_of
 from jaxmm.reports.markdown import printable
 from jaxmm.reports.plain_files import listed_keys
 from jaxmm.verdicts.results import Detection, ElementVerdict, told_probability
@@ -89,7 +89,7 @@ def _off(one: ElementVerdict) -> list[Any]:
     lengths = [1000.0 * value for value in (told.distance, *span_of(told))]
     offset = [None if span is None else 1000.0 * value for value, span in zip(told.offset, told.interval, strict=True)]
     return [
-        *lengths, offset_in_words(told), *offset, told.turn, told.lean, 1000.0 * told.flatness, 100.0 * told.coverage,
+        *lengths, off_in_words(told), *offset, told.turn, told.lean, 1000.0 * told.flatness, 100.0 * told.coverage,
         told.rays, told.classes["loa"], told.classes["din18202"],
     ]  # fmt: skip
 

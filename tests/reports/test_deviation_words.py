@@ -66,6 +66,8 @@ def test_what_is_turned_is_told_by_its_ends_and_ranked_by_them(turn, lean, words
     assert place_in_words(element(one)).endswith(words) and one.surely == pytest.approx(0.05)
     ranked = measured([element(deviation(0.03), name="shifted"), element(one, name="turned")])
     assert [each.name for each in ranked] == ["turned", "shifted"]
+    (row,) = rows_of(deviations_csv([element(one)]))
+    assert row["in_words"].endswith(words.removesuffix("."))
     assert turn_in_words(one._replace(worst=0.006)) == ""
 
 
