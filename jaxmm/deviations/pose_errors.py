@@ -17,7 +17,7 @@ import numpy as np
 from jaxmm.deviations.fits import UNKNOWN_SLOPE, Fit
 from jaxmm.rays.open_directions import GIVEN
 
-LEAST_PLACE, USUAL_PLACE, MOST_PLACE = 0.0001, 0.003, 0.01  # [m] by which faces in their place scatter
+LEAST_PLACE, USUAL_PLACE, MOST_PLACE = 0.0001, 0.001, 0.01  # [m] by which faces in their place scatter
 ENOUGH = 10  # faces that tell how much they scatter
 SOFT = 2.0  # standard deviations, from where on a face loses its vote
 # A pose that fits as it was given hardly does so by chance: one wall would have to have moved by just what it is off.
@@ -110,22 +110,27 @@ def pose_errors(fits: list[Fit], sensor: np.ndarray, trust: str = REGISTERED) ->
 def _scatters(fits: list[Fit], off: np.ndarray, rows: np.ndarray, step: np.ndarray, free: int) -> tuple[float, float]:
     """[m] how much faces in their place scatter about it, and their ends, by what a correction leaves of them."""
     left = off + rows @ step
-    known = np.array([np.diag(fit.variance)[1:] < (UNKNOWN_SLOPE / 2.0) ** 2 for fit in fits], bool).reshape(-1, 2)
-    ends = left[:, 1:] * np.array([_wide(fit) for fit in fits]).reshape(-1, 2)
+    errors = np.array([np.diag(fit.variance) for fit in fits]).reshape(-1, 3)
+    wide = np.array([_wide(fit) for fit in fits]).reshape(-1, 2)
+    known = errors[:, 1:] < (UNKNOWN_SLOPE / 2.0) ** 2
+    ends, of_ends = left[:, 1:] * wide, errors[:, 1:] * wide**2
     # Walls may be turned where none leans.
-    tilt = max(_scatter_of(ends[known[:, axis], axis], free / 2) for axis in (0, 1))
-    return _scatter_of(left[:, 0], free / 2), tilt
+    tilt = max(_scatter_of(ends[one, axis], of_ends[one, axis], free / 2) for axis, one in enumerate(known.T))
+    return _scatter_of(left[:, 0], errors[:, 0], free / 2), tilt
 
 
-def _scatter_of(left: np.ndarray, free: float) -> float:
-    """[m] standard deviation of most of what is left (n,), where so many numbers were fitted."""
+def _scatter_of(left: np.ndarray, errors: np.ndarray, free: float) -> float:
+    """[m] standard deviation of most of what is left (n,), where so many numbers were fitted.
+
+    Beside the errors of the rays, of which the variances (n,) are known: these come to it anyway.
+    """
     if len(left) < 3:
         return USUAL_PLACE
     seen = 1.4826 * float(np.median(np.abs(left))) * np.sqrt(len(left) / max(len(left) - free, 1.0))
-    seen = max(seen, LEAST_PLACE)
+    seen = np.sqrt(max(seen**2 - float(np.median(errors)), LEAST_PLACE**2))
     if len(left) < ENOUGH:  # few tell little of it
         share = len(left) / ENOUGH
-        seen = seen**share * USUAL_PLACE ** (1.0 - share)
+        seen = max(seen, seen**share * USUAL_PLACE ** (1.0 - share))
     return float(np.clip(seen, LEAST_PLACE, MOST_PLACE))
 
 
