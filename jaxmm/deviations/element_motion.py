@@ -17,6 +17,7 @@ FIXED = 0.05  # [m] of a direction of the shift, up to which faces fix it
 FIXED_TURN = np.radians(0.5)  # of a turn
 NORMAL = 1.96  # standard deviations to either side hold 95 %
 FIXED_BY = 3  # faces that fix a wall: where it stands, how it is turned, and how it leans
+LEAST_BENT = np.radians(1.0)  # that one face of an element is turned otherwise than another, to be none of it
 AT_ODDS = 4.0  # standard deviations, from which on a face contradicts what all faces together say
 
 
@@ -97,14 +98,38 @@ def telling(
 ) -> list[Seen]:
     """The faces of one element that tell of it: without what may be fronts, where other faces fix the same way.
 
+    And without what is turned otherwise than the face on which most rays end: that is an edge, or another thing.
     Arguments are those of `motion_of`.
     """
+    if len(seen) > 1:
+        seen = [
+            one for scan in sorted({one.scan for one in seen}) for one in _rigid(seen, scan, poses, sensors, middle)
+        ]
     rest = [one for one in seen if not one.fit.before]
     if not rest or len(rest) == len(seen):
         return seen
     spread = _solved(rest, poses, sensors, middle)[1][:3, :3]
     ways = [one.fit.normal for one in seen if one.fit.before]
     return rest if all(way @ spread @ way < FIXED**2 for way in ways) else seen
+
+
+def _rigid(
+    seen: list[Seen], scan: int, poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray
+) -> list[Seen]:
+    """The faces of one scan that are turned as the one with most rays is."""
+    own = [one for one in seen if one.scan == scan]
+    main = max(own, key=lambda one: one.rays)
+    step, spread, _ = _solved([main], poses, sensors, middle)
+    pose, sensor = poses[scan][0], sensors[scan]
+
+    def turns_alike(one: Seen) -> bool:
+        (off, arms), rows = rows_of(one.fit, sensor), rows_of(one.fit, middle)[1]
+        left = (off + arms @ pose.correction - rows @ step)[1:]
+        turned = np.einsum("ij,jk,ik->i", rows[1:, 3:], spread[3:, 3:], rows[1:, 3:])
+        sigma = np.sqrt(np.square(scatter(one.fit, pose.place, pose.tilt)[1:]) + turned)
+        return bool(np.all(np.abs(left) <= np.maximum(AT_ODDS * sigma, LEAST_BENT)))
+
+    return [one for one in own if one is main or turns_alike(one)]
 
 
 def motion_of(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray) -> Motion:

@@ -194,3 +194,19 @@ def test_what_others_hold_sees_that_all_walls_moved():
         one = held[row]
         assert one.surely > 0.03 and abs(one.distance - 0.1 * sign) < one.half
         assert registered[row].surely == 0.0
+
+
+@pytest.mark.parametrize("turn", [-8.0, 5.0])
+def test_a_face_that_is_turned_otherwise_than_the_rest_of_its_element_is_none_of_it(turn):
+    """A few rays on an edge, or on what stands beside it: the other face alone tells."""
+    model = prepare(hall())
+    shown = faces_of(model, seen(moved(hall(), COLUMN, (0.02, 0.01, 0.0)), noise=0.001), EXACT)
+    less, more = sorted((one for one in shown.seen if one.element == COLUMN), key=lambda one: one.rays)
+    edge = less._replace(rays=25, fit=less.fit._replace(slope=less.fit.slope + [np.radians(turn), 0.0], level=0.08))
+    tolerance = np.full(len(HALL), 0.03)
+    alone, with_edge = (
+        deviations_by(model, [shown._replace(seen=faces)], tolerance)[COLUMN] for faces in ([more], [more, edge])
+    )
+    assert with_edge == alone and alone.rays == more.rays
+    both = deviations_by(model, [shown], tolerance)[COLUMN]
+    assert both.rays == more.rays + less.rays and None not in both.interval[:2]
