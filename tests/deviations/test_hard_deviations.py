@@ -202,7 +202,8 @@ def test_a_face_that_is_turned_otherwise_than_the_rest_of_its_element_is_none_of
     model = prepare(hall())
     shown = faces_of(model, seen(moved(hall(), COLUMN, (0.02, 0.01, 0.0)), noise=0.001), EXACT)
     less, more = sorted((one for one in shown.seen if one.element == COLUMN), key=lambda one: one.rays)
-    edge = less._replace(rays=25, fit=less.fit._replace(slope=less.fit.slope + [np.radians(turn), 0.0], level=0.08))
+    slope = np.add(less.fit.slope, (np.radians(turn), 0.0))
+    edge = less._replace(rays=25, fit=less.fit._replace(slope=slope, level=0.08))
     tolerance = np.full(len(HALL), 0.03)
     alone, with_edge = (
         deviations_by(model, [shown._replace(seen=faces)], tolerance)[COLUMN] for faces in ([more], [more, edge])
