@@ -299,6 +299,14 @@ def test_what_all_stand_on_is_told_of_the_file(tmp_path):
         read_ifc(path)
 
 
+def test_a_number_that_stands_for_several_entities_is_told(tmp_path):
+    hole = ifc_text("IFC2X3").decode().partition("#35=")[0].splitlines(keepends=True)[-1]
+    path = tmp_path / "twice.ifc"
+    path.write_text(ifc_text("IFC2X3").decode().replace(hole, 13 * hole))
+    with pytest.raises(ValueError, match=r"twice\.ifc: not a readable IFC file: the number #34 stands for several"):
+        read_ifc(path)
+
+
 @pytest.mark.parametrize("name", ["IPE200", "-inf", "(inf", "1E400", "a;b(nan,"])
 def test_names_may_hold_anything(tmp_path, name):
     path = tmp_path / "named.ifc"

@@ -74,7 +74,7 @@ def open_model(path: Path) -> tuple[Any, tuple[str, ...]]:
     """The parsed file, and notes of what had to be mended in it.
 
     Raises:
-        ValueError: the library cannot read it.
+        ValueError: the library cannot read it; a number stands for several entities.
         ImportError: ifcopenshell is not installed.
     """
     ifcopenshell = import_ifcopenshell()
@@ -82,7 +82,11 @@ def open_model(path: Path) -> tuple[Any, tuple[str, ...]]:
         model = ifcopenshell.open(str(path))
     except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
         raise ValueError(f"{path}: not a readable IFC file: {' '.join(str(error).split())[:150]}") from error
+    numbers: set[int] = set()
     for entity in model.by_type("IfcRoot"):
+        if entity.id() in numbers:  # the library cuts an opening as often as it stands there, which may take for ever
+            raise ValueError(f"{path}: not a readable IFC file: the number #{entity.id()} stands for several entities")
+        numbers.add(entity.id())
         if not entity.GlobalId:
             entity.GlobalId = identity_of(entity)  # the library's shape iterator never ends at one without
     for direction in model.by_type("IfcDirection"):
