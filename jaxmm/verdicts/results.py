@@ -4,7 +4,7 @@ World frame of the prior: metres, z up. N points of all robot scans, M points of
 the prior, V vertices, T triangles.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -186,8 +186,8 @@ class Detection(NamedTuple):
         return f"<Detection: {self.summary()}>"
 
     def count(self, verdict: str) -> int:
-        """How many elements have a verdict."""
-        return sum(one.verdict == verdict for one in self.elements)
+        """How many elements have a verdict; one that several files hold, whole or in pieces, counts once."""
+        return sum(one.verdict == verdict for one in counted(self.elements))
 
     def summary(self) -> str:
         """One line: how many mismatches, how many elements of which verdict, and what else is in no model."""
@@ -199,7 +199,11 @@ class Detection(NamedTuple):
                 found.append(f"{count} {kind if count == 1 else PLURAL[kind]} {change}")
         named = [name for name in VERDICTS if name != DISPLACED or self.count(name)]
         verdicts = ", ".join(f"{self.count(name)} {name}" for name in named)
-        told = f"; of {len(self.elements)} elements {verdicts}" if self.elements else ""
+        total = len(counted(self.elements))
+        again = (
+            f", {len(self.elements) - total} more being the same in other files:" if total < len(self.elements) else ""
+        )
+        told = f"; of {total} elements{again} {verdicts}" if self.elements else ""
         count = len(self.unexplained)
         more = f"; {count} other thing{'s are' if count > 1 else ' is'} not in the model" if count else ""
         return f"{', '.join(found) or 'no mismatch'}{told}{more}"
@@ -212,6 +216,12 @@ def once(elements: Iterable[ElementVerdict]) -> Iterator[ElementVerdict]:
         if seen.isdisjoint(one.same_as):
             yield one
         seen.add(one.key)
+
+
+def counted(elements: Sequence[ElementVerdict]) -> list[ElementVerdict]:
+    """Elements without those that are others of them again: the same, or the whole of parts that another file has."""
+    keys = {one.key for one in elements}
+    return [one for one in once(elements) if not any(part[0] != one.file and part in keys for part in one.parts)]
 
 
 def with_twins(

@@ -18,7 +18,16 @@ from jaxmm.learning.element_boxes import UprightBox
 from jaxmm.rays.evidence import FRACTIONS
 from jaxmm.reports.plain_files import elements_csv, mismatches_csv
 from jaxmm.reports.report_json import to_json
-from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Mismatch, PriorFile, ScanRecord, notes_on
+from jaxmm.verdicts.results import (
+    Detection,
+    Drawing,
+    ElementVerdict,
+    Mismatch,
+    PriorFile,
+    ScanRecord,
+    counted,
+    notes_on,
+)
 from jaxmm.verdicts.verdicts import VERDICTS
 from tests.cases.detections import true_case
 
@@ -242,6 +251,25 @@ def test_the_schema_misses_every_key_that_is_left_out(true_report):
             value = block.pop(name)
             assert not jsonschema.Draft202012Validator(SCHEMA).is_valid(true_report), name
             block[name] = value
+
+
+def test_what_several_files_hold_counts_once():
+    def element(file, guid, verdict="present", **more):
+        return ElementVerdict(guid, "", "", "", verdict, 0.0, 0, (0, 0, 0, 0))._replace(file=file, **more)
+
+    elements = (
+        element("a.ifc", "wall", same_as=(("b.ifc", "wall"),)),
+        element("b.ifc", "wall", same_as=(("a.ifc", "wall"),)),
+        element("a.ifc", "whole", "removed", parts=(("b.ifc", "left"), ("b.ifc", "right"))),
+        element("b.ifc", "left", "removed"),
+        element("b.ifc", "right", "removed"),
+        element("a.ifc", "stair", parts=(("a.ifc", "flight"),)),  # whose flight is of its own file, and of no verdict
+    )
+    found = random_detection(0)._replace(mismatches=(), elements=elements, unexplained=())
+    assert [one.guid for one in counted(elements)] == ["wall", "left", "right", "stair"]
+    assert found.count("present") == 2 and found.count("removed") == 2
+    told = "of 4 elements, 2 more being the same in other files: 2 present, 2 removed, 0 occluded, 0 unscanned"
+    assert found.summary() == f"no mismatch; {told}"
 
 
 def test_the_summary_counts():
