@@ -13,6 +13,7 @@ import pytest
 from jaxmm.formats.readers import READERS, read_scans
 from jaxmm.inputs import InputError
 from tests.cases.valid_files import PRIORS, SCANS
+from tests.cases.valid_ifc import ifc_text
 from warp_scanner.buildings.files import read_building
 
 LIBRARIES = {"bag": "rosbags", "pcd": "pypcd4", "e57": "pye57", "las": "laspy", "laz": "lazrs"}
@@ -196,3 +197,12 @@ def test_chunks_of_laz_without_a_byte_are_refused_before_lazrs_sees_them(tmp_pat
         file.seek(table)
         lazrs.write_chunk_table(file, [(0, 0), (40, table - start - 8)], layout)
     assert "got an empty one after 0" in refusal(path, path.read_bytes())
+
+
+def test_a_number_that_stands_for_several_entities_is_told(tmp_path):
+    pytest.importorskip("ifcopenshell")
+    hole = ifc_text("IFC2X3").decode().partition("#35=")[0].splitlines(keepends=True)[-1]
+    path = tmp_path / "twice.ifc"
+    path.write_text(ifc_text("IFC2X3").decode().replace(hole, 13 * hole))
+    with pytest.raises(ValueError, match=r"twice\.ifc: not a readable IFC file: the number #34 stands for several"):
+        read_building(path)

@@ -299,19 +299,25 @@ def test_what_all_stand_on_is_told_of_the_file(tmp_path):
         read_ifc(path)
 
 
-def test_a_number_that_stands_for_several_entities_is_told(tmp_path):
-    hole = ifc_text("IFC2X3").decode().partition("#35=")[0].splitlines(keepends=True)[-1]
-    path = tmp_path / "twice.ifc"
-    path.write_text(ifc_text("IFC2X3").decode().replace(hole, 13 * hole))
-    with pytest.raises(ValueError, match=r"twice\.ifc: not a readable IFC file: the number #34 stands for several"):
-        read_ifc(path)
-
-
 @pytest.mark.parametrize("name", ["IPE200", "-inf", "(inf", "1E400", "a;b(nan,"])
 def test_names_may_hold_anything(tmp_path, name):
     path = tmp_path / "named.ifc"
     path.write_text(ifc_text("IFC4").decode().replace(".AREA.,$", f".AREA.,'{name}'"))
     assert not beyond_the_library(path, ifcopenshell.open(path), 0.001)
+
+
+@pytest.mark.parametrize("shift, made", [(0.0, True), (1.0, False)])
+def test_profiles_that_others_are_derived_from_are_told_where_they_move(tmp_path, shift, made):
+    model = Model()
+    shape = model.box(*LOWER)
+    (solid,) = shape.Items
+    origin = model.new("IfcCartesianPoint", (shift, 0.0))
+    operator = model.new("IfcCartesianTransformationOperator2D", None, None, origin, None)
+    solid.SweptArea = model.new("IfcDerivedProfileDef", "AREA", None, solid.SweptArea, operator)
+    model.product("IfcColumn", "derived", shape)
+    model.product("IfcColumn", "square", model.box(*LOWER))
+    building = read(model.file, tmp_path)
+    assert ("derived" in building.elements.name) == made and len(building.failures) == (not made)
 
 
 @pytest.mark.parametrize("how, top", [("alone", 4.0), ("joined", 4.0), ("cut out", 1.0), ("cone", None)])

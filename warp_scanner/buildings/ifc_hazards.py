@@ -1,9 +1,10 @@
-"""Finds what the library for IFC cannot take: infinite numbers, circles as wide as a country, cylinders and cones.
+"""Finds what the library for IFC cannot take: infinite numbers, circles as wide as a country, and some kinds of shapes.
 
 The library asks nothing of numbers. A direction of `-inf`, which is none in STEP but which its parser takes, keeps it
 computing without end; an `inf` without a sign is left out, so that a point of three numbers becomes one of two; and a
 circle gets corners by its radius, some hundred thousand at 1,000 km, which takes minutes to triangulate. Cylinders and
 cones of constructive geometry it leaves out, and where they were joined to something, or cut out of it, without a word.
+Profiles that are derived from others it makes without what moves, mirrors or scales them.
 """
 
 import mmap
@@ -42,7 +43,7 @@ def beyond_the_library(path: Path, model: Any, unit: float) -> dict[int, str]:
     reasons: dict[int, str] = {}
     for cylinder in model.by_type("IfcRightCircularCylinder"):
         _extrude(model, cylinder)
-    for item, why in (*_without_number(path, model), *_too_wide(model, unit), *_cones(model)):
+    for item, why in (*_without_number(path, model), *_too_wide(model, unit), *_not_made(model)):
         for product in _made_with(model, item):
             reasons.setdefault(product.id(), why)
     return reasons
@@ -75,9 +76,18 @@ def _too_wide(model: Any, unit: float) -> list[tuple[Any, str]]:
     return found
 
 
-def _cones(model: Any) -> list[tuple[Any, str]]:
-    found = model.by_type("IfcRightCircularCone")
+def _not_made(model: Any) -> list[tuple[Any, str]]:
+    moved = [one for one in model.by_type("IfcDerivedProfileDef") if not _as_it_is(one.Operator)]
+    found = [*model.by_type("IfcRightCircularCone"), *moved]
     return [(one, f"#{one.id()}, {one.is_a()}, is of a kind that the library for IFC cannot make") for one in found]
+
+
+def _as_it_is(operator: Any) -> bool:
+    """Whether an IfcCartesianTransformationOperator2D moves, turns, mirrors and scales nothing."""
+    if operator is None:  # of an IfcMirroredProfileDef, which says by its name what it does
+        return False
+    axes = ((operator.Axis1, (1.0, 0.0)), (operator.Axis2, (0.0, 1.0)), (operator.LocalOrigin, (0.0, 0.0)))
+    return operator.Scale in (None, 1.0) and all(one is None or one[0] == still for one, still in axes)
 
 
 def _extrude(model: Any, cylinder: Any) -> None:
