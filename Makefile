@@ -65,7 +65,7 @@ bench: setup-peers
 	$(BIN)/python -m benchmarks.train
 	$(BIN)/python -m benchmarks.detect
 	$(BIN)/python -m benchmarks.latency
-	$(BIN)/python -m benchmarks.poses
+	$(BIN)/python -m benchmarks.poses --out runs/poses
 	$(BIN)/python -m benchmarks.deviations
 	$(BIN)/python -m benchmarks.mirrors
 	$(BIN)/python -m benchmarks.flats

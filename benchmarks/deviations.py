@@ -29,13 +29,13 @@ import numpy as np
 
 from benchmarks import peers
 from benchmarks.command_line import CommandLine
-from benchmarks.poses import disturbed
 from benchmarks.timing import write_report
 from benchmarks.views.building_views import building_places, scanned
 from benchmarks.views.furniture import furniture_before_walls
 from benchmarks.views.kept_views import KeptViews
 from benchmarks.views.place_rivals import told_by_rivals
 from benchmarks.views.told_offsets import draw_told, share_with_interval, told_table
+from benchmarks.views.wrong_poses import disturbed
 from jaxmm.inputs import InputError
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.rays.scan_rays import PosedScan

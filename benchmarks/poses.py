@@ -1,19 +1,24 @@
 """Given poses that are wrong: are they put right, refused, doubted, or believed?
 
-    python -m benchmarks.poses [--ifc FOLDER] [--rooms 10] [--seed 42] [--json FILE]     ten minutes
+    python -m benchmarks.poses --out runs/poses [--ifc FOLDER] [--rooms 200] [--places 5] [--seed 77] [--against TREE]
 
-Scans of generated rooms (`varied`; seed 42 is of validation), unchanged and with changes, and with --ifc from places in
-IFC files, by sensors as built. Their poses are off by up to 0, 0.1 and 0.5 m, 0, 2 and 10 degrees of yaw, and 0, 1 and
-3 degrees of pitch and roll. *Right* is within 3 cm and 0.5 degrees; *open* is wrong, but the report says along which
-direction nothing holds the place; *believed* is wrong without a word. Peers are plain GICP (small_gicp) and ICP
-from points to planes (Open3D, where it is installed), from the same start on the same surfaces; they refuse nothing.
-Prints Markdown.
+Each generated room (`varied`, furnished) is met once by each sensor as built; whether nothing changed in it or one to
+three things, and by how much the pose is off, is drawn: up to 0.5 m in any direction, 10 degrees of yaw, and 3 of pitch
+and roll, and in every sixth view nothing. With --ifc likewise from places in building files, of which walls and
+columns are gone. *Right* is within 3 cm and 0.5 degrees; *open* is wrong, but the report says along which direction
+nothing holds the place; *believed* is wrong without a word. Peers are plain GICP (small_gicp) and ICP from points to
+planes (Open3D, where it is installed), from the same start on the same surfaces; they refuse nothing. With --against,
+the build in another checkout is asked the same. What --out holds is not made again, unless somebody was not asked yet;
+so the same command with fewer rooms asks another build of these alone. Prints Markdown. Two hours of one core.
 """
 
+import itertools
+from argparse import Namespace
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import small_gicp
@@ -21,89 +26,83 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.command_line import CommandLine
 from benchmarks.peers import has
-from benchmarks.timing import write_report
-from benchmarks.views.building_views import building_places, scanned
+from benchmarks.peers.earlier_build import EarlierBuild
+from benchmarks.views.building_views import made_building
+from benchmarks.views.told_offsets import share_with_interval
+from benchmarks.views.wrong_poses import View, apart, disturbed, file_views, room_views
+from jaxmm.files import load_json, write_json
 from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
-from jaxmm.runs.room_scans import room_cases
 from jaxmm.verdicts.building_evidence import surfaces_along
 from jaxmm.verdicts.named_scans import NamedScan, placed_scan, settled_scan
-from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import DetectSettings
-from warp_scanner.sensors.sensors import sensor_named
+from warp_scanner.cores import worker_pool
 
-SEED = 42  # of validation
-ERRORS = ((0.0, 0.0, 0.0), (0.1, 2.0, 1.0), (0.5, 10.0, 3.0))  # most [m], [deg] of yaw, [deg] of pitch and roll
-LEAST_POINTS = 1000  # of a view
+SEED = 77  # of rooms by which nothing was chosen
+MOST = 0.5, 10.0, 3.0  # [m], [deg] of yaw, [deg] of pitch and roll
+EXACT = 1 / 6  # share of the views whose pose is right as it is given
 RIGHT = 0.03, 0.5  # [m], [deg]
 SPACING, REACH = 0.1, 1.0  # [m] of the peer's clouds, and within which it matches points
 FULL = {
-    "sensors": ("oak-d-pro-real", "velodyne-16-real", "ouster-64-real"),
-    "scenes": ("unchanged", "wall_removed", "all_four"),
-    "rooms": 10,
+    "sensors": ("oak-d-pro-real", "velodyne-16-real", "ouster-64-real", "tls-real"),
+    "rooms": 200,
+    "places": 5,
 }
-SMOKE = {"sensors": ("oak-d-pro-real",), "scenes": ("unchanged",), "rooms": 1}
+SMOKE = {"sensors": ("velodyne-16-real",), "rooms": 2, "places": 2}
+AT_ONCE = 10  # rooms of a part
 KINDS = ("right", "refused or doubted", "open", "believed")
+BINS = {"shift": (0.0, 0.1, 0.2, 0.3, 0.4, 0.5), "yaw": (0.0, 2.5, 5.0, 7.5, 10.0)}  # [m], [deg]
+PEERS = {"gicp": "GICP alone", "open3d": "Open3D's ICP alone", "earlier": "the other build"}
 
 
 # The motion (4, 4) of points (N, 3) onto others (M, 3).
 Peer = Callable[[np.ndarray, np.ndarray], np.ndarray]
+# What one makes of a view from a start: one of KINDS, and how far [m] off its place it then is; None where refused.
+Told = tuple[str, float | None]
+Asker = Callable[[View, PosedScan], Told]
+Task = tuple[str, int | None, tuple[str, ...], Namespace]  # sensor, first room or None of IFC files, who is asked
 
 
-class View(NamedTuple):
-    """A scan with its true pose, and the model that it is of."""
-
-    prior: Prior
-    scan: PosedScan
-
-
-def room_views(sensor: str, scene: str, count: int, seed: int) -> Iterator[View]:
-    """Of generated rooms."""
-    for case in room_cases(scene, "occluded", seed, range(count), sensor=sensor):
-        yield View(case.prior, case.scan)
+def start_of(view: View) -> PosedScan:
+    """The scan as it lies by the pose that is given."""
+    rng = np.random.default_rng((*view.key, 1))
+    return view.scan if rng.random() < EXACT else disturbed(view.scan, MOST, rng)
 
 
-def building_views(folder: Path, sensor: str, count: int, seed: int) -> Iterator[View]:
-    """Of every IFC file in a folder, from places inside of it."""
-    for prior, pose, number in building_places(folder, count, seed):
-        present = np.ones(len(prior.building.elements.guid), bool)
-        scan, _ = scanned(prior.scene, present, (sensor_named(sensor), pose), (seed, number))
-        if len(scan.points) >= LEAST_POINTS:  # some look out of a building, at nothing
-            yield View(prior, scan)
-
-
-def disturbed(scan: PosedScan, most: tuple[float, float, float], rng: np.random.Generator) -> PosedScan:
-    """The scan as it would lie with a pose that is off by up to `most`."""
-    position = np.asarray(scan.position, np.float64)
-    shift = rng.normal(size=3)
-    shift *= most[0] * rng.uniform() / np.linalg.norm(shift)
-    angles = rng.uniform(-1.0, 1.0, 3) * (most[1], most[2], most[2])
-    turn = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
-    points = (scan.points.astype(np.float64) - position) @ turn.T + position + shift
-    return scan._replace(points=points.astype(np.float32), position=position + shift, rotation=turn @ scan.rotation)
-
-
-def outcome(view: View, believed: PosedScan) -> tuple[str, float]:
-    """Which of KINDS our registration makes of it, and how far [m] off its place it then is; NaN where refused."""
+def by_us(view: View, believed: PosedScan) -> Told:
+    """What our registration makes of it."""
     try:
         one = settled_scan(NamedScan(believed, "scan", len(believed.points), "given"))
         placed = placed_scan(view.prior, one, DetectSettings())
     except InputError:
-        return "refused or doubted", np.nan
-    off = float(np.linalg.norm(placed.scan.position - view.scan.position))
-    if is_right(view.scan, placed.scan.position, placed.scan.rotation):
-        return "right", off
-    return "refused or doubted" if placed.notes else "open" if placed.open else "believed", off
+        return "refused or doubted", None
+    return _told(view, placed.scan.position, placed.scan.rotation, (placed.notes, placed.open))
 
 
-def is_right_by_peer(view: View, believed: PosedScan, motion_of: Peer) -> bool:
-    """Whether a peer puts it right."""
+def by_earlier(build: EarlierBuild, sensor: str, view: View, believed: PosedScan) -> Told:
+    """The same by another build."""
+    found = build.placed(view.model, view.prior.origin, believed, sensor)
+    if not found:
+        return "refused or doubted", None
+    return _told(view, np.array(found["position"]), np.array(found["rotation"]), (found["doubts"], found["open"]))
+
+
+def by_peer(motion_of: Peer, view: View, believed: PosedScan) -> Told:
+    """The same by one that refuses nothing."""
     surfaces = surfaces_along(view.prior.scene, rays_of_scan(believed)).astype(np.float64)
     if len(surfaces) < 100:
-        return False
+        return "believed", None
     centre = np.asarray(believed.position, np.float64)
     motion = motion_of(surfaces - centre, believed.points.astype(np.float64) - centre)
-    return is_right(view.scan, centre + motion[:3, 3], motion[:3, :3] @ believed.rotation)
+    return _told(view, centre + motion[:3, 3], motion[:3, :3] @ believed.rotation)
+
+
+def _told(view: View, position: np.ndarray, rotation: np.ndarray, said: tuple = ((), ())) -> Told:
+    off, angle = apart(view.scan, position, rotation)
+    if off <= RIGHT[0] and angle <= RIGHT[1]:
+        return "right", off
+    doubts, ways = said
+    return "refused or doubted" if doubts else "open" if ways else "believed", off
 
 
 def by_gicp(target: np.ndarray, source: np.ndarray) -> np.ndarray:
@@ -130,68 +129,119 @@ def by_open3d(target: np.ndarray, source: np.ndarray) -> np.ndarray:
     ).transformation
 
 
-def is_right(true: PosedScan, position: np.ndarray, rotation: np.ndarray) -> bool:
-    apart = np.asarray(rotation, np.float64) @ np.asarray(true.rotation, np.float64).T
-    angle = np.degrees(np.arccos(np.clip((np.trace(apart) - 1.0) / 2.0, -1.0, 1.0)))
-    return bool(np.linalg.norm(position - true.position) <= RIGHT[0] and angle <= RIGHT[1])
+def _part(task: Task) -> str:
+    """Asks who was not asked yet of one part, and keeps what they say."""
+    sensor, start, names, asked = task
+    path = _path(asked, sensor, start)
+    kept = load_json(path)["views"] if path.exists() else []
+    missing = [name for name in names if not path.exists() or any(name not in one["told"] for one in kept)]
+    if missing:
+        with TemporaryDirectory(prefix="poses_") as scratch:
+            build = EarlierBuild(asked.against) if "earlier" in missing else None
+            askers: dict[str, Asker] = {
+                "ours": by_us,
+                "gicp": lambda *one: by_peer(by_gicp, *one),
+                "open3d": lambda *one: by_peer(by_open3d, *one),
+                "earlier": lambda *one: by_earlier(build, sensor, *one),
+            }
+            views = _views(sensor, start, asked, Path(scratch) if build else None)
+            asking = {name: askers[name] for name in missing}
+            for row, view in enumerate(views):
+                if row == len(kept):
+                    kept.append(_record(view, sensor, start is None))
+                believed = start_of(view)
+                kept[row]["told"] |= {name: list(ask(view, believed)) for name, ask in asking.items()}
+            if build:
+                build.close()
+        write_json(path, {"views": kept})
+    return path.stem
 
 
-def row_of(
-    case: str, views: list[View], most: tuple[float, float, float], seed: int, with_open3d: bool
-) -> dict[str, Any]:
-    """Shares of all views, one error of each."""
-    rng = np.random.default_rng(seed)
-    starts = [disturbed(view.scan, most, rng) for view in views]
-    told = [outcome(view, start) for view, start in zip(views, starts, strict=True)]
-    ours = Counter(kind for kind, _ in told)
-    shares = {kind: ours[kind] / len(views) for kind in KINDS}
-    pairs = list(zip(views, starts, strict=True))
-    mine, theirs = shares["right"], float(np.mean([is_right_by_peer(*pair, by_gicp) for pair in pairs]))
-    others = {"open3d": float(np.mean([is_right_by_peer(*pair, by_open3d) for pair in pairs]))} if with_open3d else {}
-    more = 1.0 / len(views)  # one right view more for each, so that the ratio is finite
+def _path(asked: Namespace, sensor: str, start: int | None) -> Path:
+    what = f"files_{asked.places}" if start is None else f"rooms_{start}_{_numbers(start, asked).stop}"
+    return asked.out / f"{sensor}_{what}_{asked.seed}.json"
+
+
+def _numbers(start: int, asked: Namespace) -> range:
+    return range(start, min(start + AT_ONCE, asked.rooms))
+
+
+def _views(sensor: str, start: int | None, asked: Namespace, folder: Path | None) -> Iterator[View]:
+    if start is None:
+        return file_views(asked.ifc, sensor, asked.places, asked.seed)
+    return room_views(sensor, _numbers(start, asked), asked.seed, folder)
+
+
+def _record(view: View, sensor: str, of_file: bool) -> dict[str, Any]:
+    """What is to be known of a view, as JSON; whoever was asked stands in `told`."""
+    believed = start_of(view)
+    turn = Rotation.from_matrix(believed.rotation @ view.scan.rotation.T).as_euler("ZYX", degrees=True)
+    shift, _ = apart(view.scan, believed.position, believed.rotation)
     return {
-        "case": case, "up_to": list(most), "views": len(views), **shares,
-        "farthest": max((off for kind, off in told if kind == "right"), default=0.0), "ours": mine, "peer": theirs,
-        "peer_name": "GICP (small_gicp)", "unit": "share right", "ratio": (mine + more) / (theirs + more), **others,
+        "sensor": sensor, "of": "building files" if of_file else "rooms", "model": view.prior.file and
+        view.prior.file.file, "number": view.key[1], "changes": view.changes, "exact": believed is view.scan,
+        "shift": shift, "yaw": abs(float(turn[0])), "told": {},
     }  # fmt: skip
+
+
+def table(views: list[dict[str, Any]]) -> str:
+    """All that was told, as Markdown: by sensor, by how far poses are off, and the sum."""
+    peers = [name for name in PEERS if any(name in view["told"] for view in views)]
+    columns = ["views", "", *KINDS, "right ones: most off [m]"]
+    for name in peers:
+        columns += [f"{PEERS[name]}: right", *([f"{PEERS[name]}: believed"] if name == "earlier" else [])]
+    lines = [f"| {' | '.join(columns)} |", f"|{' --- |' * len(columns)}"]
+    off = [view for view in views if not view["exact"]]
+    groups = {"poses that are right": [view for view in views if view["exact"]]}
+    for of, sensor in itertools.product(("rooms", "building files"), dict.fromkeys(view["sensor"] for view in views)):
+        groups[f"{of}, `{sensor}`"] = [view for view in off if (view["of"], view["sensor"]) == (of, sensor)]
+    for name, unit in (("shift", "m"), ("yaw", "°")):
+        for low, high in itertools.pairwise(BINS[name]):
+            last = high == BINS[name][-1]
+            groups[f"{name} of {low:g} to {high:g} {unit}"] = [
+                view for view in off if low <= view[name] and (view[name] < high or last)
+            ]
+    groups["all that are off, unchanged"] = [view for view in off if view["changes"] in ("unchanged", "0 gone")]
+    groups["all that are off"] = off
+    lines += [_line(name, some, peers) for name, some in groups.items() if some]
+    wrong = sum(view["told"]["ours"][0] == "believed" for view in off)
+    return "\n".join(
+        [*lines, "", f"Believed though wrong: {wrong} of {len(off)}, {share_with_interval(wrong, len(off))}"]
+    )
+
+
+def _line(name: str, views: list[dict[str, Any]], peers: list[str]) -> str:
+    told = Counter(view["told"]["ours"][0] for view in views)
+    farthest = max((view["told"]["ours"][1] for view in views if view["told"]["ours"][0] == "right"), default=0.0)
+    cells = [name, str(len(views)), *(f"{told[kind] / len(views):.3f}" for kind in KINDS), f"{farthest:.3f}"]
+    for peer in peers:
+        kinds = Counter(view["told"][peer][0] for view in views if peer in view["told"])
+        few = f" of {kinds.total()}" if kinds.total() < len(views) else ""
+        for kind in ("right", "believed") if peer == "earlier" else ("right",):
+            cells.append(f"{kinds[kind] / kinds.total():.3f}{few}" if kinds else "-")
+    return f"| {' | '.join(cells)} |"
 
 
 def main() -> None:
     parser = CommandLine(__doc__, FULL, SMOKE)
-    parser.add_places(SEED)
+    parser.add_out()
+    parser.add_argument("--ifc", type=Path, metavar="FOLDER", help="also from places in the IFC files of a folder")
+    parser.add_argument("--rooms", type=int, metavar="N")
+    parser.add_argument("--places", type=int, metavar="N", help="in each IFC file")
+    parser.add_argument("--sensors", nargs="+", metavar="NAME")
+    parser.add_argument("--seed", type=int, default=SEED, metavar="N")
+    parser.add_argument("--against", type=Path, metavar="TREE", help="a checkout of another build, asked the same")
     asked = parser.parse_args()
-    cases = {
-        f"rooms, {scene}, {sensor}": list(room_views(sensor, scene, asked.rooms, asked.seed))
-        for sensor in asked.sensors
-        for scene in asked.scenes
-    }
-    if asked.ifc:
-        cases |= {
-            f"IFC files, {one}": list(building_views(asked.ifc, one, asked.rooms, asked.seed)) for one in asked.sensors
-        }
-    columns = (
-        "views",
-        "off by up to",
-        *KINDS,
-        "right ones: most off [m]",
-        "GICP alone: right",
-        "Open3D's ICP alone: right",
-    )
-    print(f"| {' | '.join(columns)} |\n|{' --- |' * len(columns)}")
-    rows, with_open3d = [], has("open3d")
-    for case, views in cases.items():
-        for most in ERRORS:
-            row = row_of(f"{case} ({len(views)})", views, most, asked.seed, with_open3d)
-            told = " | ".join(f"{row[kind]:.2f}" for kind in KINDS)
-            other = f"{row['open3d']:.2f}" if with_open3d else "-"
-            print(
-                f"| {row['case']} | {most[0]:g} m, {most[1]:g}° | {told} | {row['farthest']:.3f} | {row['peer']:.2f} "
-                f"| {other} |",
-                flush=True,
-            )
-            rows.append(row)
-    if asked.json:
-        write_report(asked.json, rows, "small-gicp")
+    if parser.smoke:
+        asked.ifc = asked.ifc or made_building(parser.scratch / "ifc")
+    asked.out.mkdir(parents=True, exist_ok=True)
+    names = ("ours", "gicp", *(["open3d"] if has("open3d") else []), *(["earlier"] if asked.against else []))
+    starts = [*range(0, asked.rooms, AT_ONCE), *([None] if asked.ifc else [])]
+    tasks = [(sensor, start, names, asked) for start, sensor in itertools.product(starts, asked.sensors)]
+    with worker_pool() as pool:
+        for line in pool.map(_part, tasks):
+            print(line, flush=True)
+    print(table([view for sensor, start, *_ in tasks for view in load_json(_path(asked, sensor, start))["views"]]))
 
 
 if __name__ == "__main__":

@@ -1,16 +1,19 @@
 """Real scans, of which nothing is simulated: is what is told of them right, or refused for a reason?
 
-    JAXMM_DATA=FOLDER python -m benchmarks.reality [--other TREE] [--json FILE]     six minutes
+    JAXMM_DATA=FOLDER python -m benchmarks.reality [--other TREE] [--figures DIR] [--json FILE]     six minutes
 
 Each row is one run of `jaxmm detect`. A scan against itself, against every other of its own points, and against one
 half of them, its pose right and off by 0.4 m: nothing changed, so nothing may be told. Another scan of the same place:
 likewise. A model that is drawn from the scan (`drawn_models`): as it is, with phantom elements where the scan shows
 nothing, and with two walls left out. Scans of which nobody knows the place must be refused. With --other, the build in
-another checkout is asked the same. Nothing is ever chosen by these scans. Prints Markdown.
+another checkout is asked the same. --figures keeps the plan that each run of this build draws, named after the case.
+Nothing is ever chosen by these scans. Prints Markdown.
 """
 
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -99,8 +102,8 @@ def models(scan: np.ndarray, place: tuple, work: Path, name: str) -> Iterator[Ca
                        removed, new)  # fmt: skip
 
 
-def outcome(case: Case, tree: Path | None, work: Path) -> str:
-    """What one build makes of a case: "right", "refused: ..." or what is wrong."""
+def outcome(case: Case, tree: Path | None, work: Path, figures: Path | None = None) -> str:
+    """What one build makes of a case: "right", "refused: ..." or what is wrong; the plan goes to a folder `figures`."""
     out = work / f"out{len(list(work.iterdir()))}"
     command = [sys.executable, "-m", "jaxmm", "detect", str(case.prior), str(case.scan), "--out", str(out)]
     if case.pose is not None:
@@ -112,6 +115,9 @@ def outcome(case: Case, tree: Path | None, work: Path) -> str:
         return "right: refused" if case.refused else f"refused: {_short(line)}"
     if done.returncode not in (0, 1) or not (out / "report.json").exists():
         return f"failed with {done.returncode}"
+    if figures:
+        figures.mkdir(parents=True, exist_ok=True)
+        shutil.copy(out / "plan.png", figures / f"{re.sub('[^a-z0-9]+', '_', case.name.lower())}.png")
     if case.refused:
         return "wrong: believed without a place"
     return judged(case, json.loads((out / "report.json").read_text(encoding="utf-8")))
@@ -196,6 +202,7 @@ def main() -> None:
     parser = CommandLine(__doc__, FULL, SMOKE)
     parser.add_json()
     parser.add_argument("--only", default="", metavar="TEXT", help="cases whose name holds this")
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="where to keep the plan of each run")
     parser.add_argument("--other", type=Path, metavar="TREE", help="a checkout of another build, asked the same")
     asked = parser.parse_args()
     data = Path(os.environ.get("JAXMM_DATA", "../shared/data"))
@@ -208,7 +215,10 @@ def main() -> None:
         for case in cases(asked, data, Path(scratch)):
             if asked.only not in case.name:
                 continue
-            told = {name: outcome(case, tree, Path(scratch)) for name, tree in trees.items()}
+            told = {
+                name: outcome(case, tree, Path(scratch), None if tree else asked.figures)
+                for name, tree in trees.items()
+            }
             print(f"| {case.name} | {' | '.join(told.values())} |", flush=True)
             rows.append({"case": case.name, **told})
     for name in trees:

@@ -18,7 +18,7 @@ WRITES = {
     "growth": JSON,
     "large_scans": JSON,
     "latency": JSON, "matrix": JSON, "mirrors": JSON, "neighbours": JSON, "objects": FOLDER, "outdoors": FOLDER,
-    "pairs": JSON, "pillars": FILE, "pose_search": JSON, "poses": JSON, "progress": FOLDER, "rays": JSON,
+    "pairs": JSON, "pillars": FILE, "pose_search": JSON, "poses": FOLDER, "progress": FOLDER, "rays": JSON,
     "reality": JSON, "released": JSON, "rivals": FILE, "rooms": JSON, "rows": FOLDER, "sensors": FOLDER,
     "stations": JSON,
     "train": JSON, "triangles": JSON, "unchanged": JSON, "voxels": JSON,
