@@ -3,7 +3,8 @@
 K rays of one scan that should meet some face, E elements, n of them met. Metres, z up.
 
 A barrel where a column was torn down ends rays where the column would, and may fit its shape. Above it rays go on. Of
-an element that stands none do, however much of it furniture hides: what is hidden tells nothing.
+an element that stands none do, however much of it furniture hides: what is hidden tells nothing. Half a column in its
+place is its own, unless what looks like its face goes on beside it: then it is the front of a cabinet.
 """
 
 from collections.abc import Iterable
@@ -26,6 +27,9 @@ PASSED, OF_BAND = 0.9, 0.8  # least share of the rays above it that pass, and of
 ACROSS = 0.75  # least share of the length of a wall, over which some pass
 SLENDER, HEAD = 1.2, 0.85  # [m] longest edge in plan of what no window is cut into; else they must pass so high up
 ALIKE = 0.8  # share of the rays below that end where the face is, from which on it is the element's own lower part
+BESIDE, STRIPS = (0.03, 0.18), 3  # [m] off the edges of a face, in how many strips, its plane is looked for beside it
+GOES_ON = 0.3  # least share of the face's own rays, as many for the width of each strip: a side meets the plane in one
+LEAST_BESIDE = 3  # rays in each strip
 
 
 class Heights(NamedTuple):
@@ -33,6 +37,7 @@ class Heights(NamedTuple):
 
     row: np.ndarray  # (n,) int, ascending
     rays: np.ndarray  # (n, BANDS, PARTS, 3) int32: from foot to head, along its length; THROUGH, UPON, LIES
+    goes_on: np.ndarray  # (n,) bool: what ends where a face is goes on in its plane beside it, where nothing should be
 
 
 class _Frame(NamedTuple):
@@ -69,8 +74,9 @@ def heights_of(triangles: Triangles, met: Meetings) -> Heights:
         np.bincount(cell, each[chosen], len(known) * BANDS * PARTS)
         for each in (through, upon, upon & (np.abs(met.off) <= BASE_MARGIN))
     ]
-    rays = np.stack(counts, axis=-1).astype(np.int32) * np.int32(met.every)
-    return Heights(known, rays.reshape(len(known), BANDS, PARTS, 3))
+    rays = (np.stack(counts, axis=-1).astype(np.int32) * np.int32(met.every)).reshape(len(known), BANDS, PARTS, 3)
+    lies = upon & (np.abs(met.off) <= BASE_MARGIN)
+    return Heights(known, rays, _goes_on(triangles, met, lies, known, rays))
 
 
 def passed_above(triangles: Triangles, shown: Iterable[Heights], *, in_place: bool) -> np.ndarray:
@@ -85,14 +91,51 @@ def passed_above(triangles: Triangles, shown: Iterable[Heights], *, in_place: bo
     """
     frame, count = _frame_of(triangles), len(triangles.semantic)
     rays: dict[int, np.ndarray] = {}
+    wider: set[int] = set()
     for one in shown:
+        wider.update(one.row[one.goes_on].tolist())
         for row, own in zip(one.row.tolist(), one.rays, strict=True):
             rays[row] = rays.get(row, 0) + own.astype(np.int64)
     found = np.zeros(count, bool)
     for row, own in rays.items():
         if triangles.semantic[row] not in (DOOR, WINDOW):
-            found[row] = _is_passed(own, bool(frame.length[row] < SLENDER), in_place)
+            found[row] = _is_passed(own, bool(frame.length[row] < SLENDER), in_place and row not in wider)
     return found
+
+
+def _goes_on(triangles: Triangles, met: Meetings, lies: np.ndarray, known: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """(n,) bool of the elements `known` (n,): whether something that the model lacks lies in the plane of a face of
+    theirs, and goes on beside it.
+
+    Asked of elements that are slender, and of which rays (n, BANDS, PARTS, 3) end on no more than a lower part. `lies`
+    (K,) says which rays of all end where the face is that they should meet.
+    """
+    found, new = np.zeros(len(known), bool), met.off > BEHIND  # before all that the model has there
+    end, start = met.end[new], np.searchsorted(met.element, known)
+    low = rays[..., UPON].sum(axis=2)[:, -2:].sum(axis=1) == 0
+    for number in np.flatnonzero(low & (rays[..., LIES].sum(axis=(1, 2)) >= LEAST_RAYS)):
+        own = slice(start[number], np.searchsorted(met.element, known[number], side="right"))
+        corners = triangles.vertices[triangles.faces[triangles.element == known[number]].ravel()]
+        if np.ptp(corners[:, :2], axis=0).max() < SLENDER:
+            found[number] = any(
+                _is_part(end, met.end[own][mine], met.normal[own][mine], corners)
+                for group in np.unique(met.group[own][lies[own]])
+                if (mine := lies[own] & (met.group[own] == group)).sum() >= LEAST_RAYS
+            )
+    return found
+
+
+def _is_part(others: np.ndarray, own: np.ndarray, normal: np.ndarray, corners: np.ndarray) -> bool:
+    """Whether a face is part of a wider one: its own ends and normals (k, 3), those of other rays, corners (c, 3)."""
+    way = normal.mean(axis=0)
+    along = np.array([-way[1], way[0], 0.0]) / max(np.hypot(*way[:2]), 1e-9)
+    flat = np.abs((others - own.mean(axis=0)) @ way) <= BASE_MARGIN
+    low, high = np.quantile(own[:, 2], (0.02, 0.98))
+    place = others[flat & (others[:, 2] >= low) & (others[:, 2] <= high)] @ along
+    left, right = (corners @ along).min(), (corners @ along).max()
+    least = max(LEAST_BESIDE, GOES_ON * len(own) * (BESIDE[1] - BESIDE[0]) / STRIPS / max(right - left, 1e-6))
+    sides = (np.histogram(beyond, STRIPS, BESIDE)[0] for beyond in (place - right, left - place))
+    return any(bool((side >= least).all()) for side in sides)
 
 
 def _is_passed(rays: np.ndarray, slender: bool, in_place: bool) -> bool:

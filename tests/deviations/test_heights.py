@@ -67,6 +67,22 @@ def test_its_own_lower_part_is_no_other_thing():
     assert passed(COLUMN, ((thing(2.0, 0.0, (0.5, 0.5), 1.5),), PLACE, OUSTER_64))
 
 
+@SENSORS
+def test_a_front_that_goes_on_beside_a_column_is_no_part_of_it(sensor):
+    """The front of a cabinet where the column's face was, and off it by less than ranges tell; not its own half."""
+    half = thing(2.0, 0.0, (0.4, 0.4), 1.5, semantic=PILLAR)
+    for off, middle in ((0.0, 0.0), (0.02, 0.2), (-0.02, -0.2)):
+        cabinet = thing(2.05 + off, middle, (0.5, 1.0), 1.5)
+        assert passed(COLUMN, ((cabinet,), PLACE, sensor))
+    # What stands well before or behind its plane is no part of it, nor what stands across, which meets it in a line.
+    across = np.array([0.8, 1.2, 1.4])
+    for beside, place in (
+        (thing(1.6, 0.7, (0.3, 0.9), 1.5), PLACE), (thing(2.2, 0.7, (0.3, 0.9), 1.5), PLACE),
+        (thing(1.8, -0.3, (0.6, 0.04), 1.5), across),
+    ):  # fmt: skip
+        assert not passed(COLUMN, ((half, beside), place, sensor))
+
+
 def test_an_opening_in_a_wall_is_not_above_it():
     """A window over nearly all of its length: its lintel stands, or it does not reach over the whole length."""
     sill = thing(2.0, 0.0, (0.2, 3.0), 0.9, semantic=WALL)
