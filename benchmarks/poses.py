@@ -57,8 +57,8 @@ PEERS = {"gicp": "GICP alone", "open3d": "Open3D's ICP alone", "earlier": "the o
 
 # The motion (4, 4) of points (N, 3) onto others (M, 3).
 Peer = Callable[[np.ndarray, np.ndarray], np.ndarray]
-# What one makes of a view from a start: one of KINDS, and how far [m] off its place it then is; None where refused.
-Told = tuple[str, float | None]
+# What one makes of a view from a start: one of KINDS, and how far [m], [deg] off its place it then is; None: nowhere.
+Told = tuple[str, float | None, float | None]
 Asker = Callable[[View, PosedScan], Told]
 Task = tuple[str, int | None, tuple[str, ...], Namespace]  # sensor, first room or None of IFC files, who is asked
 
@@ -75,7 +75,7 @@ def by_us(view: View, believed: PosedScan) -> Told:
         one = settled_scan(NamedScan(believed, "scan", len(believed.points), "given"))
         placed = placed_scan(view.prior, one, DetectSettings())
     except InputError:
-        return "refused or doubted", None
+        return "refused or doubted", None, None
     return _told(view, placed.scan.position, placed.scan.rotation, (placed.notes, placed.open))
 
 
@@ -83,7 +83,7 @@ def by_earlier(build: EarlierBuild, sensor: str, view: View, believed: PosedScan
     """The same by another build."""
     found = build.placed(view.model, view.prior.origin, believed, sensor)
     if not found:
-        return "refused or doubted", None
+        return "refused or doubted", None, None
     return _told(view, np.array(found["position"]), np.array(found["rotation"]), (found["doubts"], found["open"]))
 
 
@@ -91,7 +91,7 @@ def by_peer(motion_of: Peer, view: View, believed: PosedScan) -> Told:
     """The same by one that refuses nothing."""
     surfaces = surfaces_along(view.prior.scene, rays_of_scan(believed)).astype(np.float64)
     if len(surfaces) < 100:
-        return "believed", None
+        return "believed", None, None
     centre = np.asarray(believed.position, np.float64)
     motion = motion_of(surfaces - centre, believed.points.astype(np.float64) - centre)
     return _told(view, centre + motion[:3, 3], motion[:3, :3] @ believed.rotation)
@@ -100,9 +100,9 @@ def by_peer(motion_of: Peer, view: View, believed: PosedScan) -> Told:
 def _told(view: View, position: np.ndarray, rotation: np.ndarray, said: tuple = ((), ())) -> Told:
     off, angle = apart(view.scan, position, rotation)
     if off <= RIGHT[0] and angle <= RIGHT[1]:
-        return "right", off
+        return "right", off, angle
     doubts, ways = said
-    return "refused or doubted" if doubts else "open" if ways else "believed", off
+    return "refused or doubted" if doubts else "open" if ways else "believed", off, angle
 
 
 def by_gicp(target: np.ndarray, source: np.ndarray) -> np.ndarray:
