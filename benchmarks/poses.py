@@ -7,9 +7,10 @@ three things, and by how much the pose is off, is drawn: up to 0.5 m in any dire
 and roll, and in every sixth view nothing. With --ifc likewise from places in building files, of which walls and
 columns are gone. *Right* is within 3 cm and 0.5 degrees; *open* is wrong, but the report says along which direction
 nothing holds the place; *believed* is wrong without a word. Peers are plain GICP (small_gicp) and ICP from points to
-planes (Open3D, where it is installed), from the same start on the same surfaces; they refuse nothing. With --against,
-the build in another checkout is asked the same. What --out holds is not made again, unless somebody was not asked yet;
-so the same command with fewer rooms asks another build of these alone. Prints Markdown. Two hours of one core.
+planes (Open3D, where it is installed), both from coarse to fine, from the same start on the same surfaces; they refuse
+nothing. With --against, the build in another checkout is asked the same. What --out holds is not made again, unless
+somebody was not asked yet: with fewer rooms and --against, another build is asked of these alone. Prints Markdown.
+Two hours of one core.
 """
 
 import itertools
@@ -42,7 +43,13 @@ SEED = 77  # of rooms by which nothing was chosen
 MOST = 0.5, 10.0, 3.0  # [m], [deg] of yaw, [deg] of pitch and roll
 EXACT = 1 / 6  # share of the views whose pose is right as it is given
 RIGHT = 0.03, 0.5  # [m], [deg]
-SPACING, REACH = 0.1, 1.0  # [m] of the peer's clouds, and within which it matches points
+SPACING = 0.1  # [m] of the peers' clouds
+REACHES = (
+    1.0,
+    0.5,
+    0.2,
+    0.1,
+)  # [m] within which they match points, from coarse to fine; with the first alone most fail
 FULL = {
     "sensors": ("oak-d-pro-real", "velodyne-16-real", "ouster-64-real", "tls-real"),
     "rooms": 200,
@@ -106,12 +113,21 @@ def _told(view: View, position: np.ndarray, rotation: np.ndarray, said: tuple = 
 
 
 def by_gicp(target: np.ndarray, source: np.ndarray) -> np.ndarray:
-    """The motion (4, 4) of points (N, 3) onto others, by plain GICP."""
+    """The motion (4, 4) of points (N, 3) onto others, by plain GICP, from coarse to fine."""
     target, tree = small_gicp.preprocess_points(target, downsampling_resolution=SPACING)
     source, _ = small_gicp.preprocess_points(source, downsampling_resolution=SPACING)
-    return small_gicp.align(
-        target, source, tree, registration_type="GICP", max_correspondence_distance=REACH
-    ).T_target_source
+    motion = np.eye(4)
+    for reach in REACHES:
+        found = small_gicp.align(
+            target,
+            source,
+            tree,
+            init_T_target_source=motion,
+            registration_type="GICP",
+            max_correspondence_distance=reach,
+        )
+        motion = found.T_target_source
+    return motion
 
 
 def by_open3d(target: np.ndarray, source: np.ndarray) -> np.ndarray:
@@ -123,10 +139,12 @@ def by_open3d(target: np.ndarray, source: np.ndarray) -> np.ndarray:
         for points in (target, source)
     ]
     clouds[0].estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(3 * SPACING, 30))
-    registration = open3d.pipelines.registration
-    return registration.registration_icp(
-        clouds[1], clouds[0], REACH, np.eye(4), registration.TransformationEstimationPointToPlane()
-    ).transformation
+    registration, motion = open3d.pipelines.registration, np.eye(4)
+    for reach in REACHES:
+        motion = registration.registration_icp(
+            clouds[1], clouds[0], reach, motion, registration.TransformationEstimationPointToPlane()
+        ).transformation
+    return motion
 
 
 def _part(task: Task) -> str:
@@ -230,12 +248,16 @@ def main() -> None:
     parser.add_argument("--places", type=int, metavar="N", help="in each IFC file")
     parser.add_argument("--sensors", nargs="+", metavar="NAME")
     parser.add_argument("--seed", type=int, default=SEED, metavar="N")
+    parser.add_argument(
+        "--peers", nargs="*", choices=("gicp", "open3d"), default=("gicp", "open3d"), help="to ask, too"
+    )
     parser.add_argument("--against", type=Path, metavar="TREE", help="a checkout of another build, asked the same")
     asked = parser.parse_args()
     if parser.smoke:
         asked.ifc = asked.ifc or made_building(parser.scratch / "ifc")
     asked.out.mkdir(parents=True, exist_ok=True)
-    names = ("ours", "gicp", *(["open3d"] if has("open3d") else []), *(["earlier"] if asked.against else []))
+    peers = [name for name in asked.peers if name == "gicp" or has(name)]
+    names = ("ours", *peers, *(["earlier"] if asked.against else []))
     starts = [*range(0, asked.rooms, AT_ONCE), *([None] if asked.ifc else [])]
     tasks = [(sensor, start, names, asked) for start, sensor in itertools.product(starts, asked.sensors)]
     with worker_pool() as pool:
