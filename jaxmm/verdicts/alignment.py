@@ -27,6 +27,7 @@ ON_GRID = "it lies on the map grid that the prior's IfcMapConversion leads to, a
 SPANS = 100.0  # spans of a scan that it lies away, from which on no unit explains it
 EVERY = 100  # points, of which one tells the middle of all
 STOREY = 3.0  # [m] about as high as scans are
+HIGHER = 2.0  # times as high as a whole prior, no scan of it is: read in so small a unit, a prior is near all of a scan
 Y_UP = (".glb", ".gltf")  # by their standard
 
 
@@ -167,6 +168,8 @@ def fitting_prior(path: Path | Model, options: Any, scans: list[OwnScan], unit: 
     best, factor, how = as_it_is, 1.0, _Way(options)
     for other in _ways(path, options, prior):
         for length, known in units:
+            if known is not None and rise * known > HIGHER * length * _height_of(prior, other):
+                continue
             on = _share_on(scans, _read_as(distance, other, length), known)
             if on > best + ALIKE:
                 best, factor, how = on, length, other
@@ -191,6 +194,12 @@ class _Way(NamedTuple):
     turn: np.ndarray = np.eye(3)  # of rows, after the shift
     shift: np.ndarray = np.zeros(3)  # [m] taken off before
     carried: bool = False  # by the pose in its file
+
+
+def _height_of(prior: Prior, way: _Way) -> float:
+    """[m] of a prior from its lowest to its highest point, were it read that way."""
+    places = prior.cloud if prior.building is None else prior.building.triangles.vertices
+    return float(np.ptp(places @ way.turn.T[:, 2])) if len(places) else 0.0
 
 
 def _ways(path: Path | Model, options: Any, prior: Prior) -> Iterator[_Way]:

@@ -284,6 +284,20 @@ def test_a_cloud_in_millimetres_is_told_likewise(room, tmp_path):
     assert prior.file.unit == 0.001 and "millimetres" in prior.notes[0]
 
 
+def test_a_cloud_lower_than_the_scan_is_no_prior_of_it_in_any_unit(tmp_path):
+    """A pose half a metre off, and most points on what is near: shrunk to feet, the room would be near most of them."""
+    rng = np.random.default_rng(0)
+
+    def plate(count, low, high, z):
+        return np.column_stack([rng.uniform(low, high, (count, 2)), np.full(count, z)])
+
+    walls = trimesh.creation.box((4.4, 3.2, 2.5)).sample(3000, seed=0)
+    points = np.concatenate([walls, plate(5000, -0.25, 0.25, -0.1), plate(1000, (0.3, -0.2), (2.0, 1.5), -0.2)])
+    np.save(tmp_path / "room.npy", points.astype(np.float32))
+    prior = fitted(tmp_path / "room.npy", [points + np.array([0.34, 0.2, 0.12])], ReadOptions(y_up=False))
+    assert prior.file.unit == 1.0 and not prior.notes
+
+
 def test_a_mesh_and_scans_in_millimetres_are_both_told(room, tmp_path):
     mesh, points = room
     mesh.copy().apply_scale(1000.0).export(tmp_path / "room.obj")
