@@ -10,7 +10,7 @@ EDITABLE := --config-settings editable_mode=compat -e
 demo: setup
 	$(BIN)/jaxmm reproduce configs/demo.toml
 
-# Table I whole, with ablations, buildings, sweeps and the thesis's scans (those where JAXMM_DATA holds them): 2 1/4 hours.
+# Table I whole, with ablations, buildings, sweeps and the thesis's scans (those where JAXMM_DATA holds them): 2 1/2 hours.
 paper: setup
 	$(BIN)/jaxmm reproduce configs/paper.toml
 

@@ -199,6 +199,9 @@ class PaperConfig:
 
     rows: str = one_of("individual", "individual", "all")  # of Table I; all: with everything below
     seeds: int = bounded(1, 1, 9)  # trainings of every thesis network of Table I, from the run's seed on
+    evidence_seeds: int = bounded(0, 0, 9)  # trainings of `evidence` to set beside the models that ship
+    evidence_rooms: int = bounded(60, 1, MOST_ROOMS)  # that these learn from; those that ship learned from 240
+    evidence_steps: int = bounded(1000, 1, MOST_COUNT)
     multi_rooms: int = bounded(40, 1, MOST_ROOMS)  # test rooms of each row with several changes
     buildings: int = bounded(20, 1, MOST_ROOMS)  # procedural ones, for the semi-real rows
     views: int = bounded(2, 1, 1000)  # of each building and row

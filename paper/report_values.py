@@ -188,7 +188,8 @@ class Results:
         return (
             f"Each network of the thesis was trained {count} times: rows are means, and `table_1.md` tells the worst "
             "and the best beside them. Intervals are over rooms, or over buildings where rooms are views of such. Of "
-            "`evidence` there is one training, the models that ship."
+            "`evidence` rows are of the models that ship, and in brackets "
+            f"{self.meta['further_trainings_of_evidence']} further trainings on fewer rooms."
         )
 
     def _behind(self, labels: str) -> list[dict[str, Any]]:

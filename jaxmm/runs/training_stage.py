@@ -47,8 +47,11 @@ def train(config: Config, folder: Path | str, resume: bool = False) -> Path:
     return folder / run_folder.MODELS
 
 
-def train_stage(config: Config, folder: Path) -> dict[str, Model]:
-    """Train all methods, or take them from the run folder when they are there."""
+def train_stage(config: Config, folder: Path, clouds: Path | None = None) -> dict[str, Model]:
+    """Train all methods, or take them from the run folder when they are there.
+
+    Clouds of rooms are kept in a folder of their own where one is named, for several trainings on the same.
+    """
     if (folder / run_folder.MODELS).exists():
         models, trained = model_files.load_models(folder)
         if trained != config:
@@ -56,7 +59,7 @@ def train_stage(config: Config, folder: Path) -> dict[str, Model]:
                 f"{folder / run_folder.MODELS}: trained with other settings than {run_folder.CONFIG} says; {REMEDY}"
             )
         return models
-    training, validation = _clouds(config, folder)
+    training, validation = _clouds(config, clouds or folder)
     models, records, calibrations = {}, [], {}
     with _trained_beside(config, folder) as finished:
         for method in config.train.methods:

@@ -185,3 +185,15 @@ def test_views_of_one_building_are_drawn_together():
     apart = row_of(row, [one | {"place": ""} for one in scenes])
     assert apart["roc_auc"] == 0.75 and apart["ci95"]["roc_auc"][0] > 0.6
     assert row_of(row, [one | {"place": "a"} for one in scenes])["ci95"]["roc_auc"] is None
+
+
+def test_what_ships_is_a_row_by_itself_and_its_further_trainings_stand_beside_it():
+    scenes = []
+    for _ in range(2):
+        one = side(0.5)
+        auc = {"evidence": 1.0, "evidence@1": 0.9, "evidence@2": 0.98}
+        one["methods"] = one["methods"] | {name: side(value)["methods"]["nn"] for name, value in auc.items()}
+        scenes.append(scene(pillar_added=one))
+    row = row_of(PILLARS, scenes, method="evidence")
+    assert row["roc_auc"] == 1.0 and row["trainings"]["count"] == 2
+    assert row["trainings"]["roc_auc"] == pytest.approx([0.9, 0.98])

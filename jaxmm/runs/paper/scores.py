@@ -4,6 +4,7 @@ Each set of test scenes is a stage `rooms/<set>` with `rooms.json`, a list of ro
 {scenario: evaluate.score_room}}, and `example.npz`: of the first scene that shows enough of every change, all that a
 figure may want. Methods there are `nn-raw`, `rule`, names of trainings, and `evidence` with the models that ship: the
 greater of what those for pillars and for walls say of a point, as in `jaxmm detect`; its boxes are of the one kind.
+`evidence@1` and so on are further trainings (paper_evidence_models).
 """
 
 import hashlib
@@ -23,6 +24,7 @@ from jaxmm.learning.model import Model, pick_model
 from jaxmm.learning.room_scores import CONTROL, predict, score_room
 from jaxmm.progress import progress
 from jaxmm.rays.rule import RULE, rule_scores
+from jaxmm.runs.paper.evidence_models import EVIDENCE
 from jaxmm.runs.paper.models import WORDS, as_settings
 from jaxmm.runs.paper.rows import (
     AGAIN,
@@ -34,6 +36,7 @@ from jaxmm.runs.paper.rows import (
     TRAININGS,
     Row,
     TestScenes,
+    again,
     repeated,
     sets_of,
 )
@@ -41,7 +44,6 @@ from jaxmm.runs.paper.scenes import Scene, building_scenes, ifc_files, read_file
 from jaxmm.runs.stages import Stage, open_stage
 from jaxmm.weights import DEFAULT
 
-EVIDENCE = "evidence"
 SCORES, EXAMPLE = "rooms.json", "example.npz"
 CODE = ("jaxmm.runs.paper.scenes", "jaxmm.learning.room_scores")
 APART = (*WORDS, "jaxmm.learning.result_tables", "jaxmm.runs.paper.rows")
@@ -54,10 +56,11 @@ class Judges(NamedTuple):
     network: NetworkConfig
     default: Model  # the four of the method evidence, stacked, as they ship
     default_network: NetworkConfig
+    further: tuple[Model, ...] = ()  # other trainings of the same method and network
 
 
-def default_judges(config: Config, networks: dict[str, Model]) -> Judges:
-    """The thesis networks of a run, and the models that ship.
+def default_judges(config: Config, networks: dict[str, Model], further: tuple[Model, ...] = ()) -> Judges:
+    """The thesis networks of a run, the models that ship, and further trainings of these.
 
     Raises:
         InputError: those were trained or validated on rooms of this run's test seed.
@@ -67,7 +70,7 @@ def default_judges(config: Config, networks: dict[str, Model]) -> Judges:
     if clash := [name for name, seed in seeds.items() if seed == config.data.test_seed]:
         taken = f"{config.data.test_seed} is the {clash[0]} seed of the models in {DEFAULT.name}"
         raise InputError(f"data: test_seed: {taken}; choose another")
-    return Judges(networks, config.network, models[EVIDENCE], trained.network)
+    return Judges(networks, config.network, models[EVIDENCE], trained.network, further)
 
 
 def weights_digest() -> str:
@@ -168,8 +171,8 @@ def scored(
     for scene in scenes:
         sides, kept = {}, {}
         for scenario, view in scene.views.items():
-            scores, own = scores_of(view.cloud, scenario, trainings.get(scenario, ()), judges)
-            sides[scenario] = score_room(view.cloud, view.truth, scenario, scores, config, {EVIDENCE: own})
+            scores, of_kind = scores_of(view.cloud, scenario, trainings.get(scenario, ()), judges)
+            sides[scenario] = score_room(view.cloud, view.truth, scenario, scores, config, of_kind)
             kept |= _arrays(scenario, view, scores)
         shown = [side["positives"]["true"] for side in sides.values() if side["true_box"] is not None]
         if example is not None and shown and min(shown) >= config.evaluate.least_positives:
@@ -180,21 +183,25 @@ def scored(
 
 def scores_of(
     cloud: LabelledCloud, scenario: str, trainings: tuple[str, ...], judges: Judges
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Score (N,) of every point by method: the control's is a distance [m], the others' are probabilities.
 
-    Of `evidence` it is the probability of any change, and behind them comes that of the scenario's own kind.
+    Of `evidence` and its further trainings it is the probability of any change; behind them come those of the
+    scenario's own kind.
     """
     scores = {CONTROL: cloud.distance, RULE: rule_scores(cloud.evidence, removed=scenario.endswith("removed"))}
     for name in trainings:
         features = features_of(TRAININGS[name.split(AGAIN)[0]].features, cloud.points, cloud.distance)
         scores[name] = predict(judges.networks[f"{name}/{scenario}"], features, judges.network)
-    kind, change = scenario.split("_")
-    of_kind = {
-        one: predict(pick_model(judges.default, f"{one}_{change}"), cloud.evidence, judges.default_network)
-        for one in ("pillar", "wall")
-    }
-    return scores | {EVIDENCE: np.maximum(*of_kind.values())}, of_kind[kind]
+    (kind, change), of_kind = scenario.split("_"), {}
+    for number, models in enumerate((judges.default, *judges.further)):
+        both = {
+            one: predict(pick_model(models, f"{one}_{change}"), cloud.evidence, judges.default_network)
+            for one in ("pillar", "wall")
+        }
+        name = again(EVIDENCE, number)
+        scores[name], of_kind[name] = np.maximum(*both.values()), both[kind]
+    return scores, of_kind
 
 
 def _arrays(scenario: str, view: View, scores: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -93,9 +93,11 @@ def _rows(row: Row, scenes: Scenes, config: EvaluateConfig, methods: dict[str, s
                 [_averaged(scene, row.models, (name, kind), config) for scene in scenes]
                 for name in _seeds_of(scenes, scored)
             ]
-            one = row_of(names, [_mean_room(rooms) for rooms in zip(*of_seeds, strict=True)], config, None)
+            # What ships is a row by itself; its further trainings are only told of.
+            shown, told = (of_seeds[:1], of_seeds[1:]) if method == EVIDENCE else (of_seeds, of_seeds)
+            one = row_of(names, [_mean_room(rooms) for rooms in zip(*shown, strict=True)], config, None)
             selected = _selected(scenes, row.models, (scored, kind), config) if row.section == MULTI else None
-            found.append(one | {"selected": selected, "trainings": _over_seeds(names, of_seeds, config)})
+            found.append(one | {"selected": selected, "trainings": _over_seeds(names, told, config)})
     return found
 
 
@@ -115,7 +117,7 @@ def _mean_room(rooms: tuple[Room, ...]) -> Room:
 
 
 def _over_seeds(names: dict[str, str], of_seeds: list[list[Room]], config: EvaluateConfig) -> dict[str, Any] | None:
-    """How many trainings a row is of, and from what to what their own rows go; None of a single one."""
+    """How many trainings there are to tell apart, and from what to what their rows go; None of less than two."""
     if len(of_seeds) < 2:
         return None
     rows = [row_of(names, rooms, config, None) for rooms in of_seeds]

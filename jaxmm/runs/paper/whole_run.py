@@ -9,6 +9,7 @@ The run folder, for those who read it (figure scripts read and never train):
     thesis_scans.json|csv|md            the thesis's released scans, where JAXMM_DATA holds them
     stages/clouds/data/*.npz            training and validation clouds (pipeline.cached_clouds)
     stages/models/, models_1/ ...       models.safetensors, entries.json, metrics.jsonl of each seed (paper_models)
+    stages/evidence_clouds/, evidence_1/ ...   further trainings of `evidence` (paper_evidence_models)
     stages/rooms/<set>/                 rooms.json, example.npz of one set of test scenes (paper_scores)
     stages/files/<file>/                an IFC file of JAXMM_DATA: <set>.json
     stages/scaling_*/                   clouds, models and test rooms of the scaling study (paper_scaling)
@@ -26,6 +27,7 @@ from typing import Any
 from jaxmm import run_folder
 from jaxmm.config import Config
 from jaxmm.files import load_json
+from jaxmm.runs.paper.evidence_models import evidence_key, trained_evidence
 from jaxmm.runs.paper.models import models_key, trained_networks
 from jaxmm.runs.paper.rows import sets_of
 from jaxmm.runs.paper.scaling import scaling_scores
@@ -54,7 +56,8 @@ def reproduce_paper(config: Config, folder: Path) -> None:
     """Make every stage that is missing, then all tables."""
     with run_folder.open_run(folder, config, staged=True):
         networks = trained_networks(config, folder)
-        judges = default_judges(config, networks), models_key(config)
+        judges = default_judges(config, networks, trained_evidence(config, folder))
+        judges = judges, f"{models_key(config)} {evidence_key(config)}".rstrip()
         scores = {scenes.name: scored_set(config, folder, scenes, rows, judges) for scenes, rows in sets_of().items()}
         files = file_scores(config, folder, judges)
         studies = study_rows(config, sweep_scores(config, folder, judges), scaling_scores(config, folder))
@@ -90,6 +93,7 @@ def meta_of(config: Config, folder: Path) -> dict[str, Any]:
         "least_positives": config.evaluate.least_positives,
         "interval": "95 % percentile bootstrap over rooms, over buildings where rooms are views of such",
         "trainings_per_network": config.paper.seeds,
+        "further_trainings_of_evidence": config.paper.evidence_seeds,
         "evidence_ranks_by": ANY_CHANGE,
         "scan": config.scan.thawed(),
         "train": {name: getattr(config.train, name) for name in TOLD},
