@@ -7,6 +7,7 @@ folder: `evidence_clouds`, and `evidence_1` and so on with `models.safetensors`,
 import dataclasses
 from pathlib import Path
 
+from jaxmm import run_folder
 from jaxmm.config import Config
 from jaxmm.learning import model_files
 from jaxmm.learning.model import Model
@@ -41,8 +42,10 @@ def trained_evidence(config: Config, run: Path) -> tuple[Model, ...]:
     found = []
     for number in _numbers(config):
         own = evidence_config(config, number)
-        clouds = open_stage(run, _clouds_stage(own))
-        found.append(train_stage(own, open_stage(run, _stage(config, number)), clouds)[EVIDENCE])
+        clouds, folder = open_stage(run, _clouds_stage(own)), open_stage(run, _stage(config, number))
+        path = folder / run_folder.MODELS
+        models = model_files.load_models(path)[0] if path.exists() else train_stage(own, folder, clouds)
+        found.append(models[EVIDENCE])
     return tuple(found)
 
 

@@ -91,17 +91,17 @@ def _rows(row: Row, scenes: Scenes, config: EvaluateConfig, methods: dict[str, s
             names = dict(zip(NAMES, (row.section, row.test_case, row.scenes.condition, method, kind), strict=True))
             of_seeds = [
                 [_averaged(scene, row.models, (name, kind), config) for scene in scenes]
-                for name in _seeds_of(scenes, scored)
+                for name in seeds_of(scenes, scored)
             ]
             # What ships is a row by itself; its further trainings are only told of.
             shown, told = (of_seeds[:1], of_seeds[1:]) if method == EVIDENCE else (of_seeds, of_seeds)
             one = row_of(names, [_mean_room(rooms) for rooms in zip(*shown, strict=True)], config, None)
             selected = _selected(scenes, row.models, (scored, kind), config) if row.section == MULTI else None
-            found.append(one | {"selected": selected, "trainings": _over_seeds(names, told, config)})
+            found.append(one | {"selected": selected, "trainings": over_seeds(names, told, config)})
     return found
 
 
-def _seeds_of(scenes: Scenes, scored: str) -> list[str]:
+def seeds_of(scenes: Scenes, scored: str) -> list[str]:
     """Under which names a method's scores stand: one for each seed of its training."""
     there = next(iter(scenes[0]["sides"].values()))["methods"] if scenes else {}
     return [scored, *(name for name in there if name.startswith(scored + AGAIN))]
@@ -116,7 +116,7 @@ def _mean_room(rooms: tuple[Room, ...]) -> Room:
     }
 
 
-def _over_seeds(names: dict[str, str], of_seeds: list[list[Room]], config: EvaluateConfig) -> dict[str, Any] | None:
+def over_seeds(names: dict[str, str], of_seeds: list[list[Room]], config: EvaluateConfig) -> dict[str, Any] | None:
     """How many trainings there are to tell apart, and from what to what their rows go; None of less than two."""
     if len(of_seeds) < 2:
         return None
