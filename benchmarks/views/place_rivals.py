@@ -39,7 +39,7 @@ def _m3c2(points: np.ndarray, shown: Meetings) -> dict[int, float]:
 
     logging.getLogger("py4dgeo").handlers.clear()
     py4dgeo.set_num_threads(1)
-    some = np.random.default_rng(0).permutation(len(shown.element))[:20_000]
+    some = np.random.default_rng(0).permutation(len(shown.element))[:2_000]
     core = shown.end[some]
     search = py4dgeo.M3C2(
         epochs=(py4dgeo.Epoch(shown.end), py4dgeo.Epoch(points)), corepoints=core,

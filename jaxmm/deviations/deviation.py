@@ -153,9 +153,9 @@ def faces_of(
         clear: and this too.
     """
     met = meetings_of(scene, rays, own, clear)
-    found = _fits(scene, met, columns_of(scene))
+    found = fits_of(scene, met, columns_of(scene))
     poses = pose_errors([fit for _, fit in found], rays.position, trust)
-    seen = [_seen(group, fit, poses[0], rays.position) for group, fit in found]
+    seen = [seen_of(group, fit, poses[0], rays.position) for group, fit in found]
     return Faces(rays.position, poses, seen, heights_of(scene.triangles, met))
 
 
@@ -182,7 +182,7 @@ def by_element(shown: list[Faces]) -> dict[int, list[Seen]]:
     return faces
 
 
-def _seen(group: Meetings, fit: Fit, pose: PoseError, sensor: np.ndarray) -> Seen:
+def seen_of(group: Meetings, fit: Fit, pose: PoseError, sensor: np.ndarray) -> Seen:
     """A fitted face, its rays summed up."""
     element, way, bare = int(group.element[0]), int(group.group[0]), fit._replace(on=NO_RAYS, left=NO_RAYS)
     if not fit.first:
@@ -219,7 +219,7 @@ def bodies_of(scene: TriangleScene) -> Callable[[int], Body]:
     return body
 
 
-def _fits(scene: TriangleScene, met: Meetings, slender: np.ndarray) -> list[tuple[Meetings, Fit]]:
+def fits_of(scene: TriangleScene, met: Meetings, slender: np.ndarray) -> list[tuple[Meetings, Fit]]:
     """What one scan shows of each face, or round body, with the rays that should meet it."""
     groups = [met.of(part) for part in groups_of(met)]
     ways = np.bincount([int(group.element[0]) for group in groups], minlength=len(scene.triangles.semantic))

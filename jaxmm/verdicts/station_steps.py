@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxmm.classes.telling_rays import Telling, telling_rays
 from jaxmm.deviations.deviation import Faces, faces_of
+from jaxmm.deviations.moved_faces import faces_of_moved
 from jaxmm.deviations.shifted_columns import beside_columns
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
@@ -164,18 +165,16 @@ def face_station(context: Context, shelf: Shelf, held: Held | None) -> Shown:
         return Shown(stood, None)
     shelf["own"] = own_ranges(rays, placed.scan.rotation, one.whole if one.is_settled else None)
     shelf["beside"] = beside_columns(prior.scene, rays, settings.deviations.most)
-    return Shown(stood, _faces(context, shelf))
+    trust = trust_in(placed, settings.refine)
+    faces = faces_of(prior.scene, rays, trust, shelf["own"], panes_of(prior))
+    shelf["poses"] = faces.poses
+    return Shown(stood, faces)
 
 
 def moved_station(context: Context, shelf: Shelf, rows: np.ndarray) -> Faces:
     """Where columns were found beside their places: what its rays show of them (n,) there."""
-    faces = _faces(context, shelf)
-    return faces._replace(seen=[one for one in faces.seen if one.element in rows])  # heights are of all
-
-
-def _faces(context: Context, shelf: Shelf) -> Faces:
-    prior, trust = context.prior, trust_in(shelf["stood"].placed, context.settings.refine)
-    return faces_of(prior.scene, shelf["rays"], trust, shelf["own"], panes_of(prior))
+    prior = context.prior
+    return faces_of_moved(prior.scene, shelf["rays"], rows, shelf["poses"], shelf["own"], panes_of(prior))
 
 
 def look_station(context: Context, shelf: Shelf) -> Judged:

@@ -6,6 +6,7 @@ import trimesh
 
 from jaxmm.deviations import fits
 from jaxmm.deviations.deviation import deviations_by, deviations_of, faces_of
+from jaxmm.deviations.moved_faces import faces_of_moved
 from jaxmm.deviations.pose_errors import EXACT, HELD, KEPT, REGISTERED
 from jaxmm.rays.own_ranges import own_ranges
 from jaxmm.rays.range_noise import settled
@@ -211,3 +212,14 @@ def test_a_face_that_is_turned_otherwise_than_the_rest_of_its_element_is_none_of
     assert with_edge == alone and alone.rays == more.rays
     both = deviations_by(model, [shown], tolerance)[COLUMN]
     assert both.rays == more.rays + less.rays and None not in both.interval[:2]
+
+
+def test_of_some_elements_the_same_is_shown_as_of_all():
+    model = prepare(hall())
+    rays = seen(moved(hall(), FREE, (0.04, 0.0, 0.0)), noise=0.003)
+    every = faces_of(model, rays, REGISTERED)
+    some = faces_of_moved(model, rays, np.array([FREE, COLUMN]), every.poses)
+    tolerance = np.full(len(HALL), 0.03)
+    found, whole = (deviations_by(model, [one], tolerance) for one in (some, every))
+    assert found == {row: whole[row] for row in (FREE, COLUMN)}
+    np.testing.assert_array_equal(some.heights.rays, every.heights.rays)

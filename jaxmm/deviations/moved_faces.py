@@ -1,0 +1,35 @@
+"""What a scan shows of some elements that were moved, where its pose is told already by all faces."""
+
+import numpy as np
+
+from jaxmm.deviations.deviation import Faces, fits_of, seen_of
+from jaxmm.deviations.heights import heights_of
+from jaxmm.deviations.meetings import meetings_of
+from jaxmm.deviations.pose_errors import PoseError
+from jaxmm.deviations.shifted_columns import columns_of
+from jaxmm.rays.scan_rays import ScanRays
+from warp_scanner.sensors.triangles import TriangleScene
+
+
+def faces_of_moved(
+    scene: TriangleScene,
+    rays: ScanRays,
+    rows: np.ndarray,
+    poses: list[PoseError],
+    own: np.ndarray | None = None,
+    clear: np.ndarray | None = None,
+) -> Faces:
+    """What one scan shows of some elements: their faces, and the heights of all.
+
+    Args:
+        scene: the model with them where they may stand.
+        rays: of the scan.
+        rows: (n,) int of the elements.
+        poses: what its faces in the model told of its pose.
+        own: as of `meetings_of`,
+        clear: and this too.
+    """
+    met = meetings_of(scene, rays, own, clear)
+    found = fits_of(scene, met.of(np.isin(met.element, rows)), columns_of(scene))
+    seen = [seen_of(group, fit, poses[0], rays.position) for group, fit in found]
+    return Faces(rays.position, poses, seen, heights_of(scene.triangles, met))
