@@ -291,15 +291,15 @@ def main() -> None:
 
 
 def _by_kind(kept: KeptViews, asked: argparse.Namespace) -> dict[str, list[dict[str, Any]]]:
-    """What was told, by where, sensor and kind of view, in that order."""
+    """What was told, by where, sensor and kind of view, in that order, and of all kinds."""
     order = {
-        f"{where}, {sensor}, {kind.name}": [] for where in ("rooms", "IFC files") for sensor in asked.sensors
-        for kind in KINDS
+        f"{where}, `{sensor}`, {kind}": [] for where in ("rooms", "IFC files") for sensor in asked.sensors
+        for kind in (*(one.name for one in KINDS), "all kinds")
     }  # fmt: skip
     for (where, sensor, *_), told in kept.items():
-        name = f"{where}, {sensor}, {told['kind']}"
-        if name in order and "nothing to see" not in told:
-            order[name].append(told)
+        for name in (f"{where}, `{sensor}`, {kind}" for kind in (told["kind"], "all kinds")):
+            if name in order and "nothing to see" not in told:
+                order[name].append(told)
     return {name: told for name, told in order.items() if told}
 
 
