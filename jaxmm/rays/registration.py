@@ -72,6 +72,12 @@ class Registration(NamedTuple):
     left: float = 0.0  # share of its points that lay closely on walls at the start, that lie on none any more
     open: tuple[tuple[float, float, float], ...] = ()  # directions along which nothing holds its place
     gained: float = 0.0  # surfaces that lie better on the prior than at the start
+    weakest: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  # along it fewest walls tell its place
+    telling: float = np.inf  # how many do, of directions in plan
 
 
 class _Clouds(NamedTuple):
@@ -168,8 +174,14 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
         about, found.residual, start.residual, found.overlap, start.overlap, asked.upright, share, asked.closely,
         _on_one_plane(points, normals), _rival_of([*level, *free], found), _left(start, found),
         open_directions(moved[found.matches], facing[found.matches], found.residual),
-        start.changed() - found.changed(),
+        start.changed() - found.changed(), *_weakest(facing[found.on_wall], clouds.weight[found.on_wall]),
     )  # fmt: skip
+
+
+def _weakest(normals: np.ndarray, weight: np.ndarray) -> tuple[tuple[float, float, float], float]:
+    """The direction in plan along which fewest walls tell where a scan is, and how many: of points on them (n, 3)."""
+    told, ways = np.linalg.eigh((normals[:, :2] * weight[:, None]).T @ normals[:, :2])
+    return (float(ways[0, 0]), float(ways[1, 0]), 0.0), float(told[0])
 
 
 def _climbed(source: small_gicp.PointCloud, clouds: _Clouds, ladder: tuple[float, ...]) -> np.ndarray:

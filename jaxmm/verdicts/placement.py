@@ -119,7 +119,7 @@ def place(
         return as_it_is._replace(notes=(_all_new(found),))
     moved = _moved(scan, found.motion)
     shift = _step(scan, found.motion)
-    doubts = _doubts(found, shift, limits)
+    doubts = _doubts(found, moved.position - scan.position, limits)
     return Placed(moved, shift, _angle(found.motion), found.residual, found.overlap, before, doubts, _open_words(found))
 
 
@@ -269,9 +269,12 @@ def _all_new(found: Registration) -> str:
     )
 
 
-def _doubts(found: Registration, shift: float, limits: FitLimits) -> tuple[str, ...]:
-    """What speaks against it: that it may be of another place, or that it fits only where nobody believed it."""
+def _doubts(found: Registration, step: np.ndarray, limits: FitLimits) -> tuple[str, ...]:
+    """What speaks against it, moved by a step (3,) [m]: that it may be of another place, or fits only where nobody
+    believed it.
+    """
     moved: tuple[str, ...] = ()
+    shift, along = float(np.linalg.norm(step)), abs(float(step @ np.array(found.weakest)))
     if found.rival:
         return (_rival_words(found.rival),)
     if found.left > MOST_LEFT:
@@ -289,6 +292,11 @@ def _doubts(found: Registration, shift: float, limits: FitLimits) -> tuple[str, 
         moved = (
             f"little more than one surface tells that its pose was off by {shift:.2f} m: if it was not, that surface "
             "moved, and is found with --no-refine",
+        )
+    elif along > FAR_SHIFT and found.telling < LEAST_GAINED:  # all others may tell of how it was turned
+        moved = (
+            f"little more than one surface tells that its pose was off by {along:.2f} m {in_words(found.weakest)}: if "
+            "it was not, that surface moved, or is new, and is found with --no-refine",
         )
     if found.asked < LEAST_ASKED:  # false for NaN, of a scan without walls
         return (f"the prior could show only {found.asked:.0%} of the walls that it sees: is it of this place?", *moved)

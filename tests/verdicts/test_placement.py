@@ -20,6 +20,8 @@ from jaxmm.verdicts.settings import DetectSettings
 from tests.cases.box_building import building_of, scan_of, shell_of
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, sensor_named
 
+EYE = np.array([0.0, 0.0, 1.4])  # [m] of a sensor before walls of points
+
 
 def room(scenario="wall_removed", number=5):
     """A room's prior and a true scan of it. In room 5 of this seed, the wall that is gone hid another one behind it."""
@@ -248,8 +250,8 @@ def lone_walls():
     return old, old[(np.abs(old[:, 1]) < 0.6) & (np.abs(old[:, 2] - 1.4) < 0.4)]
 
 
-def at_sensor(points):
-    return PosedScan(np.float32(points), np.array([0.0, 0.0, 1.4]), np.eye(3), None)
+def at_sensor(points, by=0.0):
+    return PosedScan(np.float32(points), EYE + by, np.eye(3), None)
 
 
 def test_a_wall_that_fills_the_view_moves_no_scan_onto_an_old_one():
@@ -295,6 +297,19 @@ def test_two_walls_that_match_move_a_scan_without_a_turn_too():
         found = place(off, walls)
         assert found.shift == pytest.approx(0.42, abs=0.05), found
         assert found.overlap > 0.95 and "left where" not in str(found.notes), found
+
+
+def test_where_one_wall_alone_tells_how_far_off_a_pose_is_along_a_direction_that_is_said():
+    """Whatever else tells how far off it is along others: a new wall 0.4 m before the old one draws it by 0.2 m."""
+    one, other = (each.ravel() for each in np.meshgrid(np.arange(-1.5, 1.5, 0.03), np.arange(-1.2, 1.2, 0.03)))
+    ends = [np.column_stack([np.full(one.size, x), one, other + 1.5]) for x in (-2.0, 2.0)]
+    levels = [np.column_stack([one, other, np.full(one.size, height)]) for height in (0.0, 3.0)]
+    shell, old = np.concatenate([*ends, *levels]), np.column_stack([one, np.full(one.size, 2.0), other + 1.5])
+    prior, by = np.concatenate([shell, old]), np.array([0.15, 0.2, 0.08])
+    for beside, told in ((old - [0.0, 0.4, 0.0], 0.4), (old, 0.0)):  # for all that it sees, that may be a new one, too
+        found = place(at_sensor(np.concatenate([shell, beside]) + by, by), prior)
+        np.testing.assert_allclose(found.scan.position, (0.0, told, 1.4), atol=0.02)
+        assert "little more than one surface tells that its pose was off by 0.20 m along 90°" in found.notes[0]
 
 
 def test_a_scan_that_others_hold_where_the_model_shows_nothing_is_refused_by_its_name():
