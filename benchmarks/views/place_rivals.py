@@ -14,14 +14,18 @@ from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from warp_scanner.sensors.triangles import TriangleScene
 
 FAR = 0.4  # [m] up to which peers look
+MOST = 100_000  # points of a scan, and of the faces, that they get: medians of more are no better
 
 
 def told_by_rivals(scene: TriangleScene, scan: PosedScan) -> dict[str, dict[int, float]]:
     """By each peer that is installed, how far off its place each element is: row -> median [m]."""
     met = meetings_of(scene, rays_of_scan(scan))
     shown = met._replace(end=met.end - met.normal * met.off[:, None])  # on the model's faces
+    rng = np.random.default_rng(0)
+    shown = shown.of(rng.permutation(len(shown.element))[:MOST])
+    points = scan.points[rng.permutation(len(scan.points))[:MOST]].astype(np.float64)
     rivals = {"C2M": _cloud_to_mesh} | ({} if peers.why_missing("py4dgeo") else {"M3C2": _m3c2})
-    return {name: rival(scan.points.astype(np.float64), shown) for name, rival in rivals.items()}
+    return {name: rival(points, shown) for name, rival in rivals.items()}
 
 
 def _cloud_to_mesh(points: np.ndarray, shown: Meetings) -> dict[int, float]:
