@@ -32,6 +32,7 @@ NAMES = (
 # What a name says besides its axis.
 BESIDE = re.compile(r"koordinaten?|coordonnees?|coordinates?|coords?|koord|achse|axis|wert")
 UNITS = re.compile(r"\((?:mm|cm|m|ft|in)\)|\[(?:mm|cm|m|ft|in)\]")
+WHOLE = re.compile(r"[+-]?\d+(?:[eE][+-]?\d+)?")
 FRACTION = re.compile(r"[+-]?\d*[.,]\d*(?:[eE][+-]?\d+)?")
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 
@@ -151,6 +152,8 @@ def counts_points(lines: list[str], delimiter: str | None) -> bool:
     table = [fields_of(line, delimiter)[:4] for line in lines if line.strip() and not is_count(line)]
     if len(table) < 2 or any(len(row) < 4 or not is_count(row[0]) for row in table):
         return False
+    if any(not FRACTION.fullmatch(field) and not WHOLE.fullmatch(field) for row in table for field in row[1:]):
+        return False  # X, Y and Z would hold a word
     numbers = [int(row[0][:MOST_DIGITS]) for row in table]
     fractions = sum(all(FRACTION.fullmatch(row[axis]) for row in table) for axis in (1, 2, 3))
     return fractions >= 2 and all(a < b for a, b in itertools.pairwise(numbers))

@@ -110,12 +110,14 @@ def _wholes(
     prior: Prior, shown: list[Faces], known: Collection[int], limits: DeviationSettings
 ) -> dict[Key, Deviation | None]:
     """What those tell together that are pieces of one element elsewhere."""
-    row_of, own = rows_by_key(prior.building.elements), set(prior.scene.triangles.element.tolist())
+    if not prior.building.pieced:
+        return {}
+    row_of, own = rows_by_key(prior.building.elements), set(np.unique(prior.scene.triangles.element).tolist())
     wholes = {}
     for whole in prior.building.pieced:
         if rows := [row for row in (row_of.get(key) for key in whole.pieces) if row in own]:
             wholes[keys_of(whole)[0]] = rows, limits.of(class_name(whole.element.semantic))
-    return deviations_of_wholes(prior.scene, shown, wholes, known) if wholes else {}
+    return deviations_of_wholes(prior.scene, shown, wholes, known)
 
 
 def panes_of(prior: Prior) -> np.ndarray | None:

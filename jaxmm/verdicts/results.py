@@ -219,9 +219,16 @@ def once(elements: Iterable[ElementVerdict]) -> Iterator[ElementVerdict]:
 
 
 def counted(elements: Sequence[ElementVerdict]) -> list[ElementVerdict]:
-    """Elements without those that are others of them again: the same, or the whole of parts that another file has."""
-    keys = {one.key for one in elements}
-    return [one for one in once(elements) if not any(part[0] != one.file and part in keys for part in one.parts)]
+    """Elements without those that are others of them again: the same, or the whole of parts that another file has.
+
+    Of a whole that moved as one body, by too little to tell it of any of its parts, these are left out instead.
+    """
+    verdict_of, again = {one.key: one.verdict for one in elements}, set()
+    for one in elements:
+        parts = {part for part in one.parts if part[0] != one.file and part in verdict_of}
+        moved = one.verdict == DISPLACED and all(verdict_of[part] != DISPLACED for part in parts)
+        again |= parts if moved or not parts else {one.key}
+    return [one for one in once(elements) if one.key not in again]
 
 
 def with_twins(

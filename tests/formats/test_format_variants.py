@@ -198,11 +198,12 @@ def test_a_first_column_that_counts_the_points_is_no_coordinate(tmp_path, split,
 
 
 def test_whole_numbers_may_be_coordinates(tmp_path):
-    """Rising ones beside whole ones, and fractions that do not rise with them in every row, are X."""
-    for rows in ([[1, 2, 3, 4], [2, 5, 7, 4], [3, 9, 9, 4]], [[1, 2.5, 3.5, 4], [2, 5.5, 7.5, 4], [2, 9.5, 9.5, 4]]):
+    """Rising ones beside whole ones, or with words where Z would be; and those that do not rise in every row, are X."""
+    whole, named = [[1, 2, 3, 4], [2, 5, 7, 4], [3, 9, 9, 4]], [[1, 2.5, 3.5, "wall"], [2, 5.5, 7.5, "floor"]]
+    for rows in (whole, named, [[1, 2.5, 3.5, 4], [2, 5.5, 7.5, 4], [2, 9.5, 9.5, 4]]):
         (tmp_path / "a.xyz").write_text("".join(" ".join(map(str, row)) + "\n" for row in rows))
         (found,) = read_scans(tmp_path / "a.xyz")
-        np.testing.assert_array_equal(found.points, np.array(rows)[:, :3])
+        np.testing.assert_array_equal(found.points, [row[:3] for row in rows])
         assert not found.remarks
 
 

@@ -270,6 +270,10 @@ def test_what_several_files_hold_counts_once():
     assert found.count("present") == 2 and found.count("removed") == 2
     told = "of 4 elements, 2 more being the same in other files: 2 present, 2 removed, 0 occluded, 0 unscanned"
     assert found.summary() == f"no mismatch; {told}"
+    # A whole may be off its place as one body where none of its pieces surely is.
+    moved = (elements[2]._replace(verdict="displaced"), *(one._replace(verdict="present") for one in elements[3:]))
+    assert [one.guid for one in counted(moved)] == ["whole", "stair"]
+    assert found._replace(elements=moved).count("displaced") == 1
 
 
 def test_the_summary_counts():

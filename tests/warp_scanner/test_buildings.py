@@ -179,6 +179,11 @@ def test_what_several_files_lack_alike_is_told_once_and_last(tmp_path):
         "note: in metres",
         "without a shape: IfcBuildingElementProxy 'zero' of 3 files: no faces",
     ]
+    # Two files of one model lack much alike.
+    for word in ("failures", "flaws"):
+        lost = [Failure(f"id {n}{file}", "IfcWall", f"wall {n}", "open", file) for n in range(99) for file in files]
+        (line,) = remarks(read_building(tmp_path / "box.ply")._replace(**{word: tuple(lost)}))[-1:]
+        assert line.endswith(": 99 of the class IfcWall of 3 files: open")
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb"])

@@ -243,7 +243,7 @@ OPENING = (
 # The old text, the new, and what is made with it.
 PLACES = {
     "place of a column": ("IFCCARTESIANPOINT((1000.,2000.,0.))", "IFCCARTESIANPOINT((1000.,%s,0.))", {"column"}),
-    "radius": ("IFCCIRCLEPROFILEDEF(.AREA.,$,#24,150.)", "IFCCIRCLEPROFILEDEF(.AREA.,$,#24,%s)", {"column"}),
+    "radius behind a name": ("$,#24,150.)", "'a (inf) ''b''',#24,%s)", {"column"}),
     "corner": ("IFCCARTESIANPOINT((0.,3500.,0.))", "IFCCARTESIANPOINT((0.,%s,0.))", {"wedge"}),
     "list of corners": ("(0.,900.,0.)", "(0.,%s,0.)", {"pane"}),
     "hole in a wall": ("#31=IFCEXTRUDEDAREASOLID(#30,#12,#13,2000.);", OPENING, {"wall"}),
@@ -275,12 +275,8 @@ def test_what_is_no_number_costs_what_is_made_with_it(tmp_path, place, number):
 )
 def test_the_length_of_a_direction_means_nothing(tmp_path, ratios, top):
     """A wall of 0.2 m is extruded by 3 m, straight up or along 0, 0.6, 0.8."""
-    text = (
-        ifc_text("IFC2X3")
-        .decode()
-        .replace("#25=IFCEXTRUDEDAREASOLID(#22,#12,#13", "#25=IFCEXTRUDEDAREASOLID(#22,#12,#90")
-    )
-    path = tmp_path / "long.ifc"
+    wall, path = "#25=IFCEXTRUDEDAREASOLID(#22,#12,#%d", tmp_path / "long.ifc"
+    text = ifc_text("IFC2X3").decode().replace(wall % 13, wall % 90)
     path.write_text(text.replace("#26=", f"#90=IFCDIRECTION(({ratios}));\n#26=", 1))
     _, high = span(read_ifc(path), "wall")
     np.testing.assert_allclose(high[1:], top, atol=1e-5)
@@ -299,25 +295,35 @@ def test_what_all_stand_on_is_told_of_the_file(tmp_path):
         read_ifc(path)
 
 
-@pytest.mark.parametrize("name", ["IPE200", "-inf", "(inf", "1E400", "a;b(nan,"])
+@pytest.mark.parametrize("name", ["-inf", "(inf", "a;b(nan,", "panel (infill)", "a,NaN,b", "it''s 1E155, wide"])
 def test_names_may_hold_anything(tmp_path, name):
     path = tmp_path / "named.ifc"
     path.write_text(ifc_text("IFC4").decode().replace(".AREA.,$", f".AREA.,'{name}'"))
     assert not beyond_the_library(path, ifcopenshell.open(path), 0.001)
 
 
-@pytest.mark.parametrize("shift, made", [(0.0, True), (1.0, False)])
-def test_profiles_that_others_are_derived_from_are_told_where_they_move(tmp_path, shift, made):
+@pytest.mark.parametrize("shift, high, made", [(0.0, 1.0, True), (1.0, 1.0, False), (0.0, 2.0, False)])
+def test_profiles_that_others_are_derived_from_are_told_where_they_move(tmp_path, shift, high, made):
     model = Model()
     shape = model.box(*LOWER)
     (solid,) = shape.Items
     origin = model.new("IfcCartesianPoint", (shift, 0.0))
-    operator = model.new("IfcCartesianTransformationOperator2D", None, None, origin, None)
+    operator = model.new("IfcCartesianTransformationOperator2DnonUniform", None, None, origin, None, high)
     solid.SweptArea = model.new("IfcDerivedProfileDef", "AREA", None, solid.SweptArea, operator)
     model.product("IfcColumn", "derived", shape)
     model.product("IfcColumn", "square", model.box(*LOWER))
     building = read(model.file, tmp_path)
     assert ("derived" in building.elements.name) == made and len(building.failures) == (not made)
+
+
+@pytest.mark.parametrize("zero", ["0.0E+000", "0.e000", "0.000000e-000"])
+def test_exponents_of_three_digits_are_numbers(tmp_path, zero):
+    assert not lost(tmp_path, "IFCCARTESIANPOINT((1000.,2000.,0.))", f"IFCCARTESIANPOINT((1.0E+003,2.E003,{zero}))")
+
+
+@pytest.mark.parametrize("radius", ["'wide'", "(150.)", "150.);\n#90=IFCDIRECTION('up'"])
+def test_one_value_of_another_type_costs_no_other_element(tmp_path, radius):
+    assert lost(tmp_path, "#24,150.)", f"#24,{radius})").keys() <= {"column"}
 
 
 @pytest.mark.parametrize("how, top", [("alone", 4.0), ("joined", 4.0), ("cut out", 1.0), ("cone", None)])

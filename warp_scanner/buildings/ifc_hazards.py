@@ -13,8 +13,11 @@ from pathlib import Path
 from typing import Any
 
 _WIDEST = 1e5  # [m] radius that a curve may have
-# What stands where a number should, and exponents beyond 99, whose squares are infinite.
-_NO_NUMBER = re.compile(rb"(?:(?<=[(,+-])(?:inf|nan)[a-z()]{0,7}|(?<=[\d.])e\+?\d{3,})(?=\s*[,)])", re.IGNORECASE)
+# What stands where a number should, and exponents beyond 99, whose powers soon are infinite; E+003, of three digits as
+# some programs write them all, is none.
+_NO_NUMBER = re.compile(
+    rb"(?:(?<=[(,+-])(?:inf|nan)[a-z()]{0,7}|(?<=[\d.])e\+?0*[1-9]\d{2,})(?=\s*[,)])", re.IGNORECASE
+)
 _STATEMENT = re.compile(rb"\s*#\s*(\d{1,9})\s*=")
 # Names that a version of the schema lacks match nothing.
 _ROUND = {
@@ -50,13 +53,19 @@ def beyond_the_library(path: Path, model: Any, unit: float) -> dict[int, str]:
 
 
 def _without_number(path: Path, model: Any) -> list[tuple[Any, str]]:
-    found = {}
+    found, begin, last = {}, 0, 0
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
         for odd in _NO_NUMBER.finditer(text):
-            # Only what hits a bit of geometry is asked for the statement that it stands in: names may hold anything.
-            statement = _STATEMENT.match(text, text.rfind(b";", 0, odd.start()) + 1)
+            begin, last = max(begin, text.rfind(b";", last, odd.start()) + 1), odd.start()
+            statement = _STATEMENT.match(text, begin)
             item = _by_id(model, int(statement[1])) if statement else None
-            if item is not None and any(map(item.is_a, _GEOMETRY)):
+            # Names, of profiles too, may hold anything: within one, an odd number of quotes stands before.
+            if (
+                item is not None
+                and item.id() not in found
+                and any(map(item.is_a, _GEOMETRY))
+                and text[begin:last].count(b"'") % 2 == 0
+            ):
                 found[item.id()] = (item, f"#{item.id()}, {item.is_a()}, has a number that is infinite or none")
     return list(found.values())
 
@@ -69,7 +78,9 @@ def _too_wide(model: Any, unit: float) -> list[tuple[Any, str]]:
         except RuntimeError:
             continue
         for item in items:
-            widest = max((getattr(item, attribute) or 0.0 for attribute in attributes), default=0.0) * unit
+            sizes = (getattr(item, attribute) for attribute in attributes)
+            # What is of another type fails with its element.
+            widest = max((one for one in sizes if isinstance(one, float)), default=0.0) * unit
             if widest > _WIDEST:
                 why = f"#{item.id()}, {item.is_a()}, has a radius of {widest:.3g} m, expected at most {_WIDEST:g} m"
                 found.append((item, why))
@@ -87,7 +98,8 @@ def _as_it_is(operator: Any) -> bool:
     if operator is None:  # of an IfcMirroredProfileDef, which says by its name what it does
         return False
     axes = ((operator.Axis1, (1.0, 0.0)), (operator.Axis2, (0.0, 1.0)), (operator.LocalOrigin, (0.0, 0.0)))
-    return operator.Scale in (None, 1.0) and all(one is None or one[0] == still for one, still in axes)
+    scales = (operator.Scale, getattr(operator, "Scale2", None))  # the second only of those that are not uniform
+    return all(one in (None, 1.0) for one in scales) and all(one is None or one[0] == still for one, still in axes)
 
 
 def _extrude(model: Any, cylinder: Any) -> None:

@@ -98,7 +98,10 @@ def open_model(path: Path) -> tuple[Any, tuple[str, ...]]:
 
 def _make_unit(model: Any, direction: Any) -> None:
     """What a solid is extruded along has a length that means nothing, by which one kernel multiplies its depth."""
-    length = math.hypot(*direction.DirectionRatios or ())
+    try:
+        length = math.hypot(*direction.DirectionRatios or ())
+    except TypeError:  # no numbers: what is extruded along it fails by itself
+        return
     if abs(length - 1.0) < _UNIT or not 0.0 < length < math.inf:
         return
     if any(getattr(user, "ExtrudedDirection", None) == direction for user in model.get_inverse(direction)):

@@ -12,11 +12,12 @@ def remarks(building: Building) -> list[str]:
         several = _in_several_files(elements)
         own = tuple(one for one in elements if _words(one) not in several)
         told = [line for alike in _alike(own) for line in _told(word, alike)]
-        if elements is building.flaws and len(told) > MOST_NAMED:  # of a mesh without a solid they would hide all else
-            told[MOST_NAMED:] = [f"{word}: {len(told) - MOST_NAMED} more elements, for such reasons"]
-        lines += told
-        for (kind, name, reason), files in several.items():
-            everywhere.append(f"{word}: {kind or 'element'} {name!r} of {len(files)} files: {reason}")
+        both = told, _of_several(word, several)
+        for some in both if elements is building.flaws else ():  # of a mesh without a solid they would hide all else
+            if len(some) > MOST_NAMED:
+                some[MOST_NAMED:] = [f"{word}: {len(some) - MOST_NAMED} more elements, for such reasons"]
+        lines += both[0]
+        everywhere += both[1]
     if building.zero_area:
         lines.append(f"note: {building.zero_area} triangles without area were left out")
     return [*lines, *(f"note: {note}" for note in building.notes), *everywhere]
@@ -32,6 +33,20 @@ def _in_several_files(elements: tuple[Failure, ...]) -> dict[Alike, set[str]]:
     for one in elements:
         files.setdefault(_words(one), set()).add(one.file)
     return {words: found for words, found in files.items() if len(found) > 1}
+
+
+def _of_several(word: str, several: dict[Alike, set[str]]) -> list[str]:
+    """A line for each; of many that differ in their names alone, one for all."""
+    groups: dict[tuple, list[str]] = {}
+    for (kind, name, reason), files in several.items():
+        groups.setdefault((kind or "element", reason, len(files)), []).append(name)
+    lines = []
+    for (kind, reason, count), names in groups.items():
+        told = (
+            [f"{len(names)} of the class {kind}"] if len(names) > MOST_NAMED else [f"{kind} {one!r}" for one in names]
+        )
+        lines += [f"{word}: {one} of {count} files: {reason}" for one in told]
+    return lines
 
 
 def _alike(elements: tuple[Failure, ...]) -> list[list[Failure]]:
