@@ -173,8 +173,10 @@ def _block(rows: list[Row], label_kind: str, metric: str, line: Callable[[list[s
     methods = list(dict.fromkeys(row["method"] for row in rows))
     header = ["test case", "rooms", "reported", *methods]
     title = f"{LABEL_TITLES[label_kind]}: {SHOWN[metric]}, with its 95 % interval over rooms"
-    if counts := [row["trainings"]["count"] for row in rows if row.get("trainings")]:
-        title += f"; in brackets the worst and the best of {max(counts)} trainings"
+    if counts := {row["method"]: row["trainings"]["count"] for row in rows if row.get("trainings")}:
+        title += f"; in brackets the worst and the best of {max(counts.values())} trainings"
+        # Rows of evidence are of the models that ship, which need not lie between these.
+        title += ", of evidence of others than the one that is shown" if "evidence" in counts else ""
     lines = [title, "", line(header)]
     lines += [line(["---"] * len(header))] if line is _markdown_line else []
     for (test_case, condition), group in itertools.groupby(rows, lambda row: (row["test_case"], row["condition"])):
@@ -204,13 +206,13 @@ def _full_table(rows: list[Row]) -> Iterator[str]:
 def _measured(row: Row | None, metric: str) -> str:
     if row is None or row[metric] is None:
         return "-"
+    seeds = (row.get("trainings") or {}).get(metric)
+    of_seeds = f" [{_number(seeds[0])}-{_number(seeds[1])}]" if seeds else ""
     if row["ci95"][metric] is None:
-        return _number(row[metric])
+        return f"{_number(row[metric])}{of_seeds}"
     # Rounded outwards, so that what is printed of an interval holds the value printed beside it.
     low, high = row["ci95"][metric]
     low, high = math.floor(low * 1000 + 1e-6) / 1000, math.ceil(high * 1000 - 1e-6) / 1000
-    seeds = (row.get("trainings") or {}).get(metric)
-    of_seeds = f" [{_number(seeds[0])}-{_number(seeds[1])}]" if seeds else ""
     return f"{_number(row[metric])} {low + 0.0:.3f}-{high + 0.0:.3f}{of_seeds}"
 
 

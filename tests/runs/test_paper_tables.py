@@ -197,3 +197,7 @@ def test_what_ships_is_a_row_by_itself_and_its_further_trainings_stand_beside_it
     row = row_of(PILLARS, scenes, method="evidence")
     assert row["roc_auc"] == 1.0 and row["trainings"]["count"] == 2
     assert row["trainings"]["roc_auc"] == pytest.approx([0.9, 0.98])
+    text = as_markdown(rows_of(PILLARS, scenes, CONFIG, ("generated rooms", None)))
+    one = as_markdown(rows_of(PILLARS, scenes[:1], CONFIG, ("generated rooms", None)))
+    assert "1.0000 [0.9000-0.9800]" in one  # of one room there is no interval
+    assert "the worst and the best of 2 trainings, of evidence of others than the one that is shown" in text

@@ -104,6 +104,8 @@ def _as_it_is(operator: Any) -> bool:
 
 def _extrude(model: Any, cylinder: Any) -> None:
     """A circle that is extruded as high takes the place of a cylinder wherever it is used."""
+    if not all(isinstance(one, float) for one in (cylinder.Radius, cylinder.Height)):
+        return
     new = model.create_entity
     middle = new("IfcAxis2Placement2D", new("IfcCartesianPoint", (0.0, 0.0)))
     circle = new("IfcCircleProfileDef", "AREA", None, middle, cylinder.Radius)
