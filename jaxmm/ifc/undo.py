@@ -99,6 +99,11 @@ def revert(updated: Path | str, out: Path | str) -> None:
     if out.exists():
         raise InputError(f"{out}: expected the name of a new file, found one that is there")
     undo = updated.with_name(AS_BUILT_UNDO if updated.name == AS_BUILT else UNDO)
+    if not undo.exists():
+        raise InputError(
+            f"{undo}: expected what `jaxmm detect` wrote beside {updated.name}, found nothing there; "
+            f"that of {AS_BUILT} is {AS_BUILT_UNDO}, and counts where the model bears that name"
+        )
     content = _load(undo, updated.name)
     text = _read(updated)
     if sha256(text) != content["updated_sha256"]:

@@ -34,7 +34,7 @@ from jaxmm.reports.verdict_words import (
     UNEXPLAINED_WORDS,
     VERDICT_WORDS,
 )
-from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, Pose, PriorFile, ScanRecord
+from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, Pose, PriorFile, ScanRecord, counted
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
 MOST_DISPLACED = 50  # elements that are told of in full
@@ -253,6 +253,8 @@ def _elements(elements: tuple[ElementVerdict, ...]) -> list[str]:
         return ["## Elements", "", "The prior has no elements that a verdict could be given for."]
     count, several = Counter(one.verdict for one in elements), len({one.file for one in elements}) > 1
     lines = ["## Elements", "", *_table(("verdict", "elements"), ((name, count[name]) for name in VERDICT_WORDS))]
+    if again := len(elements) - len(counted(elements)):
+        lines += ["", f"{again} of them are others of these again, in another file. Above, each is counted once."]
     for verdict in (REMOVED, OCCLUDED):
         chosen = [one for one in elements if one.verdict == verdict]
         if chosen:

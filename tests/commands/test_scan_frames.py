@@ -162,6 +162,7 @@ def test_a_viewpoint_that_fits_neither_way_is_refused_saying_so(room):
         detect(ifc, path, settings=SETTINGS)
 
 
+@pytest.mark.long
 def test_a_viewpoint_is_told_before_its_place_is_searched(room, expected):
     ifc, _, scan = room
     for way in ("world with VIEWPOINT of the sensor", "sensor with VIEWPOINT of the sensor"):

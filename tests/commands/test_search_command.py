@@ -58,6 +58,7 @@ def test_what_cannot_be_searched_is_refused_before_the_prior_is_read(files, tmp_
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_one_word_counts_for_all_scans_and_each_may_have_its_own(files, tmp_path):
     """Once for two scans; and beside a pose that is given, also in a file."""
     settings = DetectSettings(propose_views=False)

@@ -99,6 +99,7 @@ def test_a_scan_that_fits_nowhere_is_refused_with_the_number():
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.long
 def test_a_scan_of_another_building_whose_floor_and_ceiling_fit_is_refused():
     """Two rooms of one height: the scan of one, put where the other's was taken from."""
     prior, scan = room(number=0)

@@ -16,6 +16,7 @@ from jaxmm.deviations.deviation import Deviation
 from jaxmm.formats.dates import Taken
 from jaxmm.learning.element_boxes import UprightBox
 from jaxmm.rays.evidence import FRACTIONS
+from jaxmm.reports.markdown import as_markdown
 from jaxmm.reports.plain_files import elements_csv, mismatches_csv
 from jaxmm.reports.report_json import to_json
 from jaxmm.verdicts.results import (
@@ -270,6 +271,8 @@ def test_what_several_files_hold_counts_once():
     assert found.count("present") == 2 and found.count("removed") == 2
     told = "of 4 elements, 2 more being the same in other files: 2 present, 2 removed, 0 occluded, 0 unscanned"
     assert found.summary() == f"no mismatch; {told}"
+    assert "2 of them are others of these again, in another file." in as_markdown(found)
+    assert "of these again" not in as_markdown(found._replace(elements=elements[3:]))
     # A whole may be off its place as one body where none of its pieces surely is.
     moved = (elements[2]._replace(verdict="displaced"), *(one._replace(verdict="present") for one in elements[3:]))
     assert [one.guid for one in counted(moved)] == ["whole", "stair"]
