@@ -181,6 +181,7 @@ def test_a_wall_that_three_trades_have_cut_in_three_ways_is_one_mismatch_and_mar
     assert len([text for text in texts if "Overview" not in text]) == 1
 
 
+@pytest.mark.long
 def test_what_two_trades_cut_at_other_places_is_told_by_the_smaller_parts(seen, tmp_path):
     """Two walls of one, three of the other in their row: none is whole in the other's."""
     halves = thirds((0.0, 0.5, 1.0))

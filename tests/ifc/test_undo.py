@@ -197,7 +197,9 @@ def test_both_files_are_written_or_neither(tmp_path, monkeypatch):
 
 def test_a_model_without_its_undo_is_told_which_one_it_needs(tmp_path):
     (tmp_path / "alone.ifc").write_bytes(b"ISO-10303-21;")
-    with pytest.raises(InputError, match=r"undo\.json: .*beside alone\.ifc, found nothing there; .*as_built\.undo\.json"):
+    with pytest.raises(
+        InputError, match=r"undo\.json: .*beside alone\.ifc, found nothing there; .*as_built\.undo\.json"
+    ):
         revert(tmp_path / "alone.ifc", tmp_path / "back.ifc")
     assert not (tmp_path / "back.ifc").exists()
 

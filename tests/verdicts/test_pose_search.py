@@ -124,6 +124,7 @@ def test_inner_walls_tell_the_heading_whatever_stands_before_them(yaw):
     assert_there(search(prior, seen(real, position, rotation)).place, position, rotation)
 
 
+@pytest.mark.long
 def test_a_scan_of_another_building_is_refused():
     other = prior_of(43)
     places = indoors(other, 0, 1.2)

@@ -34,6 +34,7 @@ from tests.cases.site import (
 
 ifcopenshell = pytest.importorskip("ifcopenshell")
 pytest.importorskip("openpyxl")
+pytestmark = pytest.mark.long  # four detections: of made-up reports other files ask what follows from them
 
 
 @pytest.fixture(scope="module")
