@@ -89,7 +89,7 @@ def _clouds(config: Config, folder: Path) -> tuple[list, list]:
 
 @contextlib.contextmanager
 def _trained_beside(config: Config, folder: Path) -> Iterator[Callable[[str], None]]:
-    """Train methods but the first in processes of their own meanwhile: one leaves a core idle where it compiles and reads.
+    """Train methods but the first in processes of their own meanwhile: one leaves a core idle while it compiles.
 
     Gives what waits until a method has left its last checkpoint, from which whoever asks goes on: there is nothing left
     to do. Of methods that have no core of their own there is none yet.
