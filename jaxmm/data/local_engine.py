@@ -98,12 +98,6 @@ class Pool:
             self.__exit__()
             raise
 
-    def begin(self, function: Callable[..., Any], task: tuple) -> Callable[[], Any]:
-        """Do one task in one more process while this one goes on; gives what waits for the result, or its error."""
-        connection = self._at(len(self._processes))
-        connection.send((function, task))
-        return lambda: _received(connection, self._processes[connection])[1]
-
     def _at(self, place: int) -> Connection:
         """To the process of that number, which may have to be started."""
         if place == len(self._processes):

@@ -1,20 +1,13 @@
-"""The training stage of a run: clouds made or read, methods trained side by side, probabilities calibrated."""
+"""The training stage of a run: clouds made or read, methods trained one after the other, probabilities calibrated."""
 
-import contextlib
-import io
-import os
-import threading
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from jaxmm import run_folder
 from jaxmm.config import CONDITIONS, SCENARIOS, UNCHANGED, Config
 from jaxmm.data import labelled_rooms
-from jaxmm.data.local_engine import Pool
 from jaxmm.data.simulator_settings import MULTI, CloudSource
 from jaxmm.files import REMEDY, write_json
 from jaxmm.inputs import InputError
@@ -27,10 +20,8 @@ from jaxmm.learning.model import Model
 from jaxmm.learning.train_step import all_logits
 from jaxmm.progress import bar_of, progress
 from jaxmm.thesis.training_clouds import thesis_clouds
-from warp_scanner.cores import core_count
 
 CALIBRATION = "calibration.json"
-WORTH_A_PROCESS = 100  # steps: with fewer, starting one takes longer than they do
 
 
 def train(config: Config, folder: Path | str, resume: bool = False) -> Path:
@@ -61,14 +52,12 @@ def train_stage(config: Config, folder: Path, clouds: Path | None = None) -> dic
         return models
     training, validation = _clouds(config, clouds or folder)
     models, records, calibrations = {}, [], {}
-    with _trained_beside(config, folder) as finished:
-        for method in config.train.methods:
-            finished(method)
-            held_out = validation_batch(validation, method, config.train.labels, config.train.points_per_cloud)
-            models[method], own = _train(config, folder, (method, training, held_out, records))
-            records = records + own
-            if method in config.train.calibrate:
-                models[method], calibrations[method] = _calibrated(config, models[method], held_out)
+    for method in config.train.methods:
+        held_out = validation_batch(validation, method, config.train.labels, config.train.points_per_cloud)
+        models[method], own = _train(config, folder, (method, training, held_out, records))
+        records = records + own
+        if method in config.train.calibrate:
+            models[method], calibrations[method] = _calibrated(config, models[method], held_out)
     run_folder.write_records(folder, records)
     if calibrations:
         write_json(folder / CALIBRATION, calibrations | {"clouds": _validation_mix(config)})
@@ -87,52 +76,13 @@ def _clouds(config: Config, folder: Path) -> tuple[list, list]:
     return training, [training_clouds(config, folder, scenario, "validation") for scenario in SCENARIOS]
 
 
-@contextlib.contextmanager
-def _trained_beside(config: Config, folder: Path) -> Iterator[Callable[[str], None]]:
-    """Train methods but the first in processes of their own meanwhile: one leaves a core idle while it compiles.
-
-    Gives what waits until a method has left its last checkpoint, from which whoever asks goes on: there is nothing left
-    to do. Of methods that have no core of their own there is none yet.
-    """
-    others = config.train.methods[1 : core_count()] if config.train.step_count >= WORTH_A_PROCESS else ()
-    with Pool() as pool:
-        wait = {method: pool.begin(_train_alone, (folder, method, os.getpid())) for method in others}
-        yield lambda method: wait.get(method, lambda: None)()
-
-
-def _train_alone(folder: Path, method: str, parent: int) -> None:
-    """Train one method to its last checkpoint, for the process that has the run folder open, and as long as it has.
-
-    Raises:
-        RuntimeError: that process is gone, and another one may go on with the run.
-    """
-
-    def report(step: int, records: list[Record]) -> None:
-        if os.getppid() != parent:
-            raise RuntimeError(f"{folder}: whoever began this training is gone")
-
-    # A lock of processes would outlive this one, which may be ended at any time; and its bars nobody sees, for lines of
-    # the other process would stand between.
-    tqdm.set_lock(threading.RLock())
-    with contextlib.redirect_stderr(io.StringIO()):
-        config = run_folder.read_config(folder)
-        training, validation = _clouds(config, folder)
-        held_out = validation_batch(validation, method, config.train.labels, config.train.points_per_cloud)
-        sampler = _sampler(config, method, training)
-        fit(sampler, held_out, config, folder / "checkpoints" / method, report)
-
-
 def _train(config: Config, folder: Path, what: tuple) -> tuple[Model, list[Record]]:
     method, training, held_out, earlier = what
-    sampler = _sampler(config, method, training)
-    return fitted(sampler, held_out, config, folder, (f"train {method}: four models, one step", earlier))
-
-
-def _sampler(config: Config, method: str, training: list) -> Sampler:
     settings = config.train
     copies = 4 if method in settings.augment else 1
     shape = (settings.batch_size, settings.points_per_cloud)
-    return Sampler(training, method, settings.labels, *shape, copies, config.seed)
+    sampler = Sampler(training, method, settings.labels, *shape, copies, config.seed)
+    return fitted(sampler, held_out, config, folder, (f"train {method}: four models, one step", earlier))
 
 
 def fitted(

@@ -1,7 +1,6 @@
 """The main job as a user starts it: what it leaves behind, and that no kill at any moment changes a bit of it."""
 
 import json
-import os
 import random
 import shutil
 import signal
@@ -145,40 +144,3 @@ def test_what_is_missing_from_a_run_is_made_again_the_same(finished_run, tmp_pat
     main_job.reproduce(run_folder.read_config(folder), folder)
     expected, found = results(finished_run), results(folder)
     assert [name for name in expected if found[name] != expected[name]] == []
-
-
-@pytest.mark.long
-def test_methods_trained_side_by_side_are_the_same_to_the_last_bit(finished_run, tmp_path, monkeypatch):
-    from jaxmm.runs import training_stage
-
-    begun, fit = [], training_stage.fit
-
-    def told(sampler, held_out, config, folder, report):
-        steps = []
-        found = fit(
-            sampler, held_out, config, folder, lambda step, records: (steps.append(step), report(step, records))
-        )
-        begun.append((sampler.method, steps[0]))
-        return found
-
-    for name, value in (("WORTH_A_PROCESS", 1), ("core_count", lambda: 2), ("fit", told)):
-        monkeypatch.setattr(training_stage, name, value)
-    folder, config = tmp_path / "run", run_folder.read_config(finished_run)
-    with run_folder.open_run(folder, config):
-        shutil.copytree(finished_run / "data", folder / "data")
-        training_stage.train_stage(config, folder)
-    assert begun == [(METHODS[0], 0), (METHODS[1], config.train.step_count)]  # the second was trained elsewhere
-    for name in ("models.safetensors", "metrics.jsonl"):
-        assert (folder / name).read_bytes() == (finished_run / name).read_bytes()
-
-
-@pytest.mark.long
-def test_what_trains_beside_ends_with_whoever_began_it(finished_run, tmp_path):
-    from jaxmm.runs import training_stage
-
-    folder = tmp_path / "run"
-    folder.mkdir()
-    for name in ("config.toml", "data"):
-        (shutil.copytree if name == "data" else shutil.copy)(finished_run / name, folder / name)
-    with pytest.raises(RuntimeError, match="is gone"):
-        training_stage._train_alone(folder, METHODS[1], os.getpid())  # our parent is another process
