@@ -4,8 +4,8 @@ World frame of the prior: metres, z up. N points of all robot scans, M points of
 the prior, V vertices, T triangles.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, STAND
 from warp_scanner.scenes.building import Building, Source
 
 Key = tuple[str, str]  # file and GlobalId
+Element = TypeVar("Element")  # what has `key`, `same_as`, `file` and `parts`
 Pose = tuple[float, float, float, float, float]  # x, y, z [m] world, yaw, pitch [deg]
 FORMAT = 2  # of report.json: counts up when a reader of the one before would go wrong; the first stated none
 MOST_NAMED = 5  # in notes on elements
@@ -197,25 +198,29 @@ class Detection(NamedTuple):
             count = sum(one.mismatch_type == change and one.object_type == kind for one in self.mismatches)
             if count:
                 found.append(f"{count} {kind if count == 1 else PLURAL[kind]} {change}")
-        named = [name for name in VERDICTS if name != DISPLACED or self.count(name)]
-        verdicts = ", ".join(f"{self.count(name)} {name}" for name in named)
-        total = len(counted(self.elements))
-        again = (
-            f", {len(self.elements) - total} more being the same in other files:" if total < len(self.elements) else ""
-        )
-        told = f"; of {total} elements{again} {verdicts}" if self.elements else ""
+        each = [one.verdict for one in counted(self.elements)]
+        named = [name for name in VERDICTS if name != DISPLACED or name in each]
+        verdicts = ", ".join(f"{each.count(name)} {name}" for name in named)
+        others = len(self.elements) - len(each)
+        again = f", {others} more being the same in other files:" if others else ""
+        told = f"; of {len(each)} elements{again} {verdicts}" if self.elements else ""
         count = len(self.unexplained)
         more = f"; {count} other thing{'s are' if count > 1 else ' is'} not in the model" if count else ""
         return f"{', '.join(found) or 'no mismatch'}{told}{more}"
 
 
-def once(elements: Iterable[ElementVerdict]) -> Iterator[ElementVerdict]:
-    """Elements without those that are the same as one before."""
+def once(elements: Iterable[Element]) -> Iterator[Element]:
+    """Elements, of a detection or as a report lists them, without those that are the same as one before."""
     seen: set[Key] = set()
     for one in elements:
         if seen.isdisjoint(one.same_as):
             yield one
         seen.add(one.key)
+
+
+def pieces_of(one: Any, keys: Collection[Key]) -> set[Key]:
+    """Which of some elements are parts that another file has of one, which is as for `once`."""
+    return {part for part in one.parts if part[0] != one.file and part in keys}
 
 
 def counted(elements: Sequence[ElementVerdict]) -> list[ElementVerdict]:
@@ -225,7 +230,7 @@ def counted(elements: Sequence[ElementVerdict]) -> list[ElementVerdict]:
     """
     verdict_of, again = {one.key: one.verdict for one in elements}, set()
     for one in elements:
-        parts = {part for part in one.parts if part[0] != one.file and part in verdict_of}
+        parts = pieces_of(one, verdict_of)
         moved = one.verdict == DISPLACED and all(verdict_of[part] != DISPLACED for part in parts)
         again |= parts if moved or not parts else {one.key}
     return [one for one in once(elements) if one.key not in again]

@@ -48,6 +48,11 @@ class Listed(NamedTuple):
     same_as: tuple[Key, ...] = ()  # in other files; with their names, as the report has them
     parts: tuple[Key, ...] = ()  # that its verdict follows from; likewise
 
+    @property
+    def key(self) -> Key:
+        """What tells it from all others of the report."""
+        return self.file, self.guid
+
 
 class ModelFile(NamedTuple):
     """What a report says of the model that its scans were compared with."""

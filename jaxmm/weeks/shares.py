@@ -5,6 +5,7 @@ from datetime import date
 from typing import NamedTuple
 
 from jaxmm.ifc.tasks import with_parents
+from jaxmm.verdicts.results import once, pieces_of
 from jaxmm.weeks.history import ABSENT, GONE, STANDING, STATES, UNKNOWN, Followed, Progress
 from jaxmm.weeks.reports import DAY
 
@@ -55,15 +56,10 @@ def shares_of(progress: Progress) -> list[Share]:
 
 def once_each(elements: Sequence[Followed]) -> list[Followed]:
     """Elements without those that are others of them again, in another file: the same, or whole what these are of."""
-    files = {(one.latest.file, one.latest.guid) for one in elements}
-    found, seen = [], set()
-    for one in elements:
-        key, latest = (one.latest.file, one.latest.guid), one.latest
-        in_pieces = any(file != latest.file and (file, guid) in files for file, guid in latest.parts)
-        if not in_pieces and seen.isdisjoint(latest.same_as):
-            found.append(one)
-        seen.add(key)
-    return found
+    listed = [one.latest for one in elements]
+    keys = {one.key for one in listed}
+    kept = {one.key for one in once(listed) if not pieces_of(one, keys)}
+    return [one for one in elements if one.latest.key in kept]
 
 
 def storey_of(one: Followed) -> str:
