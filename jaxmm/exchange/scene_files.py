@@ -106,7 +106,7 @@ def scene_names(folder: Path, split: str) -> list[str]:
 
 
 def split_of(folder: Path, predictions: Path, split: str) -> str:
-    """Which split each scene has a file in a folder of predictions of, if it is not the one asked for; else empty."""
+    """The split whose scenes all have a file in a folder of predictions, if it is not the one asked for; else empty."""
     told = {path.stem for path in predictions.iterdir()}
     whole = [one for one in SPLITS if (names := _names(folder, one)) and told.issuperset(names)]
     return "" if split in whole or not whole else whole[0]

@@ -72,12 +72,8 @@ class Registration(NamedTuple):
     left: float = 0.0  # share of its points that lay closely on walls at the start, that lie on none any more
     open: tuple[tuple[float, float, float], ...] = ()  # directions along which nothing holds its place
     gained: float = 0.0  # surfaces that lie better on the prior than at the start
-    weakest: tuple[float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-    )  # along it fewest walls tell its place
-    telling: float = np.inf  # how many do, of directions in plan
+    weakest: tuple[float, float, float] = (0.0, 0.0, 0.0)  # direction in plan along which fewest walls tell its place
+    telling: float = np.inf  # how many do
 
 
 class _Clouds(NamedTuple):

@@ -130,8 +130,9 @@ def _with_own(whole: tuple[PosedScan, np.ndarray], rays: ScanRays, direction: np
     for start in range(0, len(scan.points), AT_ONCE):
         offset = (scan.points[start : start + AT_ONCE].astype(np.float64) - scan.position) @ turn.T
         reach = lengths(offset)
-        offset = offset[(reach > NEAREST) & (reach < np.inf)]
-        unit = offset / np.linalg.norm(offset, axis=1, keepdims=True)
+        there = (reach > NEAREST) & (reach < np.inf)
+        offset = offset[there]
+        unit = offset / reach[there, None]
         own.append(offset[_shares_cell(unit, direction, cell)])
     offset = np.concatenate(own)
     reach = lengths(offset)

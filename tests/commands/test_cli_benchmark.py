@@ -77,10 +77,12 @@ def test_a_split_that_is_not_there_or_not_meant_names_the_one_that_is(place, ref
     )
     shutil.copytree(place / "scenes", tmp_path / "scenes")
     shutil.rmtree(tmp_path / "scenes" / "test")
+    before = sorted(path for folder in (tmp_path, place) for path in folder.rglob("*"))
     refused(
         ["benchmark", "score", tmp_path / "scenes", place / "predictions"],
         "scenes of the split test, found none; --split train has 6, --split validation has 2",
     )
+    assert sorted(path for folder in (tmp_path, place) for path in folder.rglob("*")) == before
 
 
 def test_both_steps_have_help_with_an_example_that_parses(capsys):
