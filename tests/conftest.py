@@ -5,6 +5,7 @@ And how files are shared out to two processes, so that both are done at about th
 """
 
 import functools
+import gc
 import os
 import subprocess
 import sys
@@ -22,10 +23,14 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # two processes on two cores: threads o
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 else:
+    # Tests start hundreds of programs: where Python was told to keep no bytecode, each would compile this package anew.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     # Models are kept for these tests alone: what the reader makes of a file is tested, not what it once made. Most are
     # rooms of the same bytes, and a process that reads one takes a second.
     kept = tempfile.TemporaryDirectory(prefix="jaxmm-models-")
     os.environ["JAXMM_CACHE"] = kept.name
+
+gc.set_threshold(100_000, 50, 50)  # walking through the many objects of loaded libraries took a sixteenth of the time
 
 TINY_RUN = """
 [data]

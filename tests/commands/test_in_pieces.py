@@ -124,6 +124,7 @@ def test_a_wall_all_of_whose_pieces_stand_off_their_places_is_displaced(seen):
     np.testing.assert_allclose(wall.deviation.offset, (0.0, -0.06, 0.0), atol=0.01)
 
 
+@pytest.mark.long
 def test_a_wall_in_pieces_that_was_turned_is_told_and_written_as_one(seen, tmp_path):
     """By two degrees about its middle: of pieces each by itself the outer ones are shifted, too."""
     turn = np.radians(2.0)
@@ -139,6 +140,7 @@ def test_a_wall_in_pieces_that_was_turned_is_told_and_written_as_one(seen, tmp_p
     np.testing.assert_allclose(np.abs(back), np.broadcast_to(WALL_GONE[1], back.shape), atol=8e-3)
 
 
+@pytest.mark.long
 def test_a_wall_in_pieces_keeps_its_deviation_though_nobody_asks_for_the_pieces(seen):
     (x, y, z), half, kind = WALL_GONE
     found, (wall,), _ = seen([WALL_GONE])
@@ -149,6 +151,7 @@ def test_a_wall_in_pieces_keeps_its_deviation_though_nobody_asks_for_the_pieces(
     np.testing.assert_allclose(wall.deviation.offset, (0.0, -0.06, 0.0), atol=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stands", [True, False])
 def test_a_far_column_in_many_pieces_is_told_as_one_in_one(tmp_path, stands):
     shell, column = shell_of(30.0, 5.0, 3.0), ((14.0, 1.0, 1.5), (0.2, 0.2, 1.5), PILLAR)

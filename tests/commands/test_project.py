@@ -69,6 +69,7 @@ def told(detection):
     )
 
 
+@pytest.mark.long
 def test_what_changed_is_what_one_file_tells(project):
     folder, detection = project
     whole = detected(folder / "whole.ifc", folder / "scan.ply")

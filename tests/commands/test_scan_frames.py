@@ -92,6 +92,7 @@ def expected(room):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("way", WAYS)
 def test_one_scan_in_any_frame_ends_in_the_same_verdicts(room, expected, way):
     ifc, *scans = room

@@ -81,6 +81,7 @@ def test_more_scans_do_not_settle_which_of_two_walls_moved(count):
             assert found[row].interval[0][0] <= sides[0] + 3e-3 and found[row].interval[0][1] >= sides[1] - 3e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("trust", [EXACT, KEPT, REGISTERED])
 @pytest.mark.parametrize("count", [1, 4, 12])
 def test_a_bias_of_the_sensor_does_not_average_out(trust, count):

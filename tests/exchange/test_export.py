@@ -60,6 +60,7 @@ def test_the_model_that_is_given_is_what_its_scan_shows(exported):
         np.testing.assert_allclose(np.linalg.norm(scene.misses, axis=1), 1.0, atol=1e-5)
 
 
+@pytest.mark.long
 def test_labels_are_of_what_really_changed(exported):
     seen = set()
     for task, scene, truth in scenes_of(exported):

@@ -126,6 +126,7 @@ def _places(model, guids) -> dict[str, np.ndarray]:
     return {guid: get_local_placement(one) for guid, one in placement.items() if one}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FILES)
 def test_of_a_real_file_only_what_was_removed_is_deleted(real, tmp_path, name):
     path, model, gone, _ = real(name)

@@ -82,6 +82,7 @@ def test_files_keep_what_is_added_and_older_ones_add_nothing(tmp_path):
     assert shipped["evidence"].offset is None and trained.train.rule_scale == 0.0
 
 
+@pytest.mark.long
 def test_only_the_method_that_sees_evidence_corrects_the_rule():
     assert offset_of("nn", range(4), CONFIG.train) is None
     cloud = LabelledCloud(

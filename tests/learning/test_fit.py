@@ -59,6 +59,7 @@ def undisturbed(tmp_path_factory):
     return (*run(folder), folder)
 
 
+@pytest.mark.long
 def test_records_tell_each_validation_of_each_model(undisturbed):
     _, records, _, _ = undisturbed
     assert [record["step"] for record in records] == [3, 6, 9, 12, 13]  # the end has its own
@@ -98,6 +99,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bits(tmp_path, undisturbed, at):
     assert again_records == records
 
 
+@pytest.mark.long
 def test_an_average_is_what_is_validated_and_kept_and_goes_on_to_the_same_bits(tmp_path, undisturbed):
     config = dataclasses.replace(CONFIG, train=dataclasses.replace(CONFIG.train, average=0.7))
     best, records, held_out = run(tmp_path / "whole", config=config)

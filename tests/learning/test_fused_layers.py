@@ -70,7 +70,7 @@ def norm(tree):
     return np.sqrt(sum(np.sum(np.square(leaf, dtype=np.float64)) for leaf in jax.tree.leaves(tree)))
 
 
-@pytest.mark.parametrize("rate", [0.0, 0.3])
+@pytest.mark.parametrize("rate", [pytest.param(0.0, marks=pytest.mark.long), 0.3])
 @pytest.mark.parametrize("dtype, tolerance", [(np.float32, 1e-5), (np.float64, 1e-9)])
 def test_gradients_and_statistics_are_those_of_the_plain_formulas(dtype, tolerance, rate):
     config = dataclasses.replace(CONFIG, network=dataclasses.replace(CONFIG.network, dropout=rate))

@@ -62,6 +62,7 @@ def doubled(tree):
     return jax.tree.map(lambda leaf: leaf.astype(jnp.float64) if leaf.dtype == jnp.float32 else leaf, tree)
 
 
+@pytest.mark.long
 def test_steps_of_widened_models_are_those_of_the_models_alone():
     """In float64, to 1e-9 after 20 steps, with each model's own number of features."""
     entries = ENTRIES[:2]

@@ -37,6 +37,7 @@ def test_their_calibration_is_told_with_its_mix_of_scenes():
     assert set(told["evidence"]) == set(SCENARIOS) and sum(told["clouds"].values()) > 50
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["exact", "points"])
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_occluded_rooms_are_ranked_better_than_by_distance(default, scenario, kind):

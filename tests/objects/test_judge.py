@@ -225,6 +225,7 @@ def test_places_are_outside_of_a_rectangle_by_the_axis_that_they_are_furthest_on
     np.testing.assert_allclose(outside(places, center, np.array([2.0, 1.0]), along), [0.5, 0.2, -0.4])
 
 
+@pytest.mark.long
 def test_rooms_of_a_draw_give_the_same_candidates_each_time_and_all_kinds_among_them(monkeypatch):
     monkeypatch.setattr(object_training, "AT_ONCE", 3)
     draws = [examples_of_draw(number) for number in (0, 1, 2, object_training.MIXED + 1)]

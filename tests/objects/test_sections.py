@@ -139,6 +139,7 @@ HEADINGS = (
 )  # 28ths of a turn: few rays end on the side that is seen at 1.4 degrees, and none elsewhere
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("heading", HEADINGS)
 def test_a_pillar_of_which_one_side_is_seen_at_a_slant_is_found_at_every_heading(judges, heading):
     room = (*shell_of(4.0, 3.0, 3.0), ((-2.0, 1.2, 1.5), (HALF, HALF, 1.5), PILLAR))

@@ -94,6 +94,7 @@ def test_every_kind_of_evidence_ranks_the_change_first(kind, scenario):
     assert checked > 3
 
 
+@pytest.mark.long
 def test_an_estimated_viewpoint_is_as_good_as_the_true_one_and_a_wrong_one_is_not():
     """Evidence from clouds that tell their own viewpoint, beside the true one and one that is half a metre off."""
     source, told = CloudSource("wall_removed", "wall_removed", "clean", 3), []

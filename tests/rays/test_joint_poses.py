@@ -76,6 +76,7 @@ def test_patches_lie_on_what_is_flat_and_look_at_the_sensor():
     assert not len(patches_of(round_one, np.array([3.0, 0.0, 0.0])).middle)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fits", [True, False])
 @pytest.mark.parametrize("error", [(MOVED * -1.0, 0.0), ((0.2, -0.2, 0.02), 1.5), ((-0.1, 0.1, -0.03), -2.0)])
 def test_a_station_before_what_moved_is_held_by_the_others(error, fits):

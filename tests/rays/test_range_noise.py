@@ -284,6 +284,7 @@ def test_of_a_large_scan_no_more_is_kept_than_rays_are_needed(room):
     assert len(noisy) > MOST_RAYS and 0.5 * MOST_RAYS < len(found.scan.points) <= MOST_RAYS
 
 
+@pytest.mark.long
 def test_more_objects_are_found_by_a_sensor_that_errs():
     """In rooms of a seed that no training, validation or test uses."""
     judges, told = read_judges(DEFAULT), {}

@@ -104,6 +104,7 @@ def test_other_fields_of_view_are_found_too():
     assert np.linalg.norm(apart[:3]) < 0.05 and np.abs(apart[3]) < 0.5
 
 
+@pytest.mark.long
 def test_both_released_scans_of_a_pair_have_one_viewpoint(data_root):
     if not (data_root / "thesis" / "datasets").is_dir():
         pytest.skip(f"needs the thesis's scans: no folder {data_root / 'thesis' / 'datasets'}")

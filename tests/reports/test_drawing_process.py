@@ -53,6 +53,7 @@ print(os.path.exists(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere everything is drawn in place")
 @pytest.mark.parametrize(
     "asked, expected",

@@ -58,6 +58,7 @@ def driver(tmp_path_factory):
     browser.quit()
 
 
+@pytest.mark.long
 def test_browser_draws_and_layers_change_the_picture(driver, case, tmp_path):
     middle = np.asarray(case.detection.mismatches[0].center, float) + np.array([0.5, 0.5, 0.0])
     thing = Unexplained(middle, np.array([1.2, 0.8, 1.5]), 30.0, 40)
@@ -126,6 +127,7 @@ def test_browser_tells_both_types_of_what_may_be_either(driver, case, tmp_path):
     assert not any("pillar" in panel for panel in panels[1:])
 
 
+@pytest.mark.long
 def test_browser_selects_what_is_clicked(driver, case, tmp_path):
     detection = case.detection
     with Page(driver, tmp_path / "report.html", detection) as page:

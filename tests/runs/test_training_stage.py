@@ -33,6 +33,7 @@ def trained(tiny_config, tmp_path_factory):
     return config, folder, models
 
 
+@pytest.mark.long
 def test_models_come_back_with_their_calibration(trained):
     config, folder, models = trained
     found, settings = model_files.load_models(folder)

@@ -112,6 +112,7 @@ def test_the_order_of_finishing_and_the_number_of_workers_change_no_bit(site, on
     assert bits(two) == bits(one_by_one)
 
 
+@pytest.mark.long
 def test_what_was_killed_goes_on_and_leaves_nothing_behind(site, one_by_one, monkeypatch, tmp_path):
     work = Work(folder=tmp_path / "work")
 

@@ -36,6 +36,7 @@ def figures(row):
     return tuple(round(row[name], 4) for name in ("roc_auc", "fpr_at_95", "precision_at_95"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("column, method", [(0, "nn-raw"), (1, "released")])
 def test_the_file_holds_the_known_figures(data_root, tmp_path, column, method):
     rows = score(data_root / "thesis", method, tmp_path / "out.json")
@@ -71,6 +72,7 @@ def test_added_objects_are_found_as_boxes(data_root, tmp_path):
             assert len(row["boxes"]) == 1, row["scenario"]
 
 
+@pytest.mark.long
 def test_a_model_of_ours_scores_the_scans_too(data_root, finished_run, tmp_path):
     for method in ("nn", "xyz_nn"):
         rows = score(data_root / "thesis", method, tmp_path / f"{method}.json", "--model", finished_run)

@@ -55,6 +55,7 @@ def test_a_scenario_with_a_single_room_is_refused(repository):
         thesis_clouds(repository)
 
 
+@pytest.mark.long
 def test_a_training_can_ask_for_it(repository, tmp_path):
     text = f"""
     [data]

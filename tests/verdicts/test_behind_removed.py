@@ -97,6 +97,7 @@ def test_what_is_not_asked_for_is_looked_past_without_a_verdict(judges):
     assert [one.verdict for one in found.elements] == [PRESENT] and not found.mismatches
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("semantic", [OTHER, CEILING, FURNITURE])
 def test_what_lines_a_wall_hides_nothing_where_it_is_gone_whatever_it_is(judges, semantic):
     """Covering, plate or proxy: only the wall gets a verdict."""

@@ -178,6 +178,7 @@ def test_what_stands_on_a_gallery_is_no_part_of_what_carries_it():
     assert found.box.dimensions[2] == pytest.approx(3.0, abs=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("x", [-1.5, -0.2], ids=["well under the gallery", "at its edge"])
 def test_a_column_under_a_gallery_is_found_from_the_hall(x):
     """The ceiling above the sensor is 5 m higher than the column is."""

@@ -41,6 +41,7 @@ def test_verdicts_agree_with_the_truth(judges):
     assert found[REMOVED] >= 7 and found[PRESENT] >= 7 and found[UNSCANNED] > 0
 
 
+@pytest.mark.long
 def test_what_moved_is_two_mismatches_that_are_linked(judges):
     linked = right = total = 0
     for pairs, row, _, prior, scan in room_cases("pillar_moved", "clean", UNSEEN_SEED, range(8)):

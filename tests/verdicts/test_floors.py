@@ -97,6 +97,7 @@ def test_features_on_a_platform_are_those_of_a_room_with_a_higher_floor():
     assert features_of(column, OPEN)[0, gap] == pytest.approx(1.0 / 3.6, rel=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "sensor, x, low",
     [

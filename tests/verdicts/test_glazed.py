@@ -53,6 +53,7 @@ def test_a_wall_with_a_pane_is_measured_by_the_rest_of_it(judges, by):
     assert one.deviation.offset == pytest.approx((by, 0.0, 0.0), abs=2e-4) and not found.mismatches
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by", [0.0, -0.1, -0.21])
 def test_a_wall_that_is_mostly_of_glass_is_not_gone_because_rays_pass_its_panes(judges, by):
     frame = tuple(

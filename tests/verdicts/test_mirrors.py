@@ -46,6 +46,7 @@ def detected(case, **how):
     return detect_scans(case.prior, [scan], read_judges(DEFAULT), settings)
 
 
+@pytest.mark.long
 def test_the_wall_that_mirrors_stands_and_is_named(case):
     with_it, without = detected(case), detected(case, mirrors=False)
     note = "% of its points are mirror images in 'element 4' and were left out"

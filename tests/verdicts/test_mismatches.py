@@ -96,6 +96,7 @@ def test_what_is_less_probable_than_asked_for_is_left_out():
     assert told(min(every)) == every and told(1.0) == []
 
 
+@pytest.mark.long
 def test_a_pillar_that_moved_is_one_whether_it_is_round_or_square():
     judges, shapes, linked = read_judges(DEFAULT), [], []
     for case in room_cases("pillar_moved", "clean", 22, range(8), preset="thesis"):

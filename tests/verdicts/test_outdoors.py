@@ -61,6 +61,7 @@ def test_indoors_is_what_is_on_a_floor_or_under_something():
     assert away_from(building_of(HOUSE), np.array([-7.0, 7.0, 1.0])) == pytest.approx(5.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("terrain, refine", [((), True), ((TERRAIN,), False)])
 def test_a_wall_that_is_gone_is_told_from_outdoors_and_nothing_of_what_stands_around(judges, terrain, refine):
     prior, settings = prior_of_building(building_of((*HOUSE, *terrain))), DetectSettings(refine=refine)
@@ -83,6 +84,7 @@ def test_a_new_wall_in_the_house_is_told_from_outdoors_too(judges):
     assert np.abs(one.center[:2] - [0.0, 0.5]).max() < 0.15
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("off", [-0.3, 0.0, 0.03])
 def test_a_new_outer_wall_is_told_wherever_the_slab_ends(judges, off):
     rest = (*HOUSE[:4], *HOUSE[5:])

@@ -60,6 +60,7 @@ def indoors(prior, storey, height):
     return places[np.abs(places[:, 2] - prior.building.storeys.elevation[storey] - height) < 0.1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "sensor"), [(42, SPINNING), (43, AROUND), (46, SPINNING)])
 def test_in_an_asymmetric_building_the_place_is_found(seed, sensor):
     """At any heading, tilted by a few degrees, on the upper of two storeys, with an inner wall gone."""

@@ -34,6 +34,7 @@ def found_in(prior, *scans):
     return detect_scans(prior, named, read_judges(DEFAULT), AS_IS)
 
 
+@pytest.mark.long
 def test_each_scan_tells_which_mismatches_it_shows(seen_and_not):
     prior, scan, blind = seen_and_not
     one = found_in(prior, scan)

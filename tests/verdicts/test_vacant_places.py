@@ -36,6 +36,7 @@ def told(judges, *there):
 ABOUT_IT = (((1.48, 0.0, 0.5), (0.3, 0.25, 0.5), TABLE), ((1.42, 0.02, 1.6), (0.14, 0.24, 0.6), TABLE))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("there", [(LIKE_IT,), STACK, ABOUT_IT], ids=["like it", "stack", "about it"])
 def test_what_is_lower_than_a_column_in_its_place_is_no_column(judges, there):
     assert told(judges, *there) == "removed"

@@ -31,6 +31,7 @@ REAL = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", REAL)
 def test_real_files_land_in_metres_with_every_element(real_building, name):
     building = real_building(name)

@@ -138,6 +138,7 @@ def test_what_goes_wrong_is_one_line(read, options, limits, words, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("read", [sleep, doze])
 def test_what_waits_for_ever_is_ended(monkeypatch, read):
     monkeypatch.setattr(guarded, "_IDLE", 3.0)

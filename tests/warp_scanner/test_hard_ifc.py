@@ -262,6 +262,7 @@ def lost(tmp_path, old, new):
     return told
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("number", ["-inf", "INF", "-nan(ind)", "1E308"])
 def test_what_is_no_number_costs_what_is_made_with_it(tmp_path, place, number):
