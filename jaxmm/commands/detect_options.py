@@ -27,6 +27,10 @@ FRAMES = (
     "forward: ROS, Kinect, PCL); in the last two they are moved to --pose, or else to the pose in their file; default: "
     "the prior's, or of PCD with a VIEWPOINT the sensor's where that fits"
 )
+PRIOR_FRAME = (
+    "of the points of a cloud as prior: the world's, the sensor's, moved by the pose in its file, or an optical one "
+    "(see --frame), moved by that pose or else turned to z up about its zero; default: told by how scans fit"
+)
 UNIT = "of the scans, 0.001 of millimetres; default: told by how they fit"
 CLASSES = (
     "that get a verdict, and no others: all, or of wall,column,door,window,slab; or any of IFC with its kinds, as "
@@ -84,6 +88,7 @@ def add_detect(command: argparse.ArgumentParser, pose: str) -> None:
     command.add_argument(
         "--up", choices=("y", "z"), help="axis of a mesh or cloud as prior; default: told by how it fits"
     )
+    command.add_argument("--prior-frame", choices=("world", "sensor", "optical"), help=PRIOR_FRAME)
     command.add_argument("--open-doors", action="store_true", help="leave the prior's doors out")
     command.add_argument("--engine", choices=("local", "ray"), default="local", help=ENGINE)
     command.add_argument("--workers", type=int, metavar="N", help=WORKERS)
@@ -204,7 +209,7 @@ def _reading(options: argparse.Namespace, sensor):
     from jaxmm.commands.detect_files import Reading
 
     _check_kind(options)
-    prior = read_options(options, _prior_unit(options))
+    prior = read_options(options, _prior_unit(options), options.prior_frame)
     return Reading(prior, options.unit, options.frame, sensor, options.topic)
 
 
@@ -228,8 +233,8 @@ def _prior_unit(options: argparse.Namespace) -> float:
     return 1.0 if options.prior_unit is None else options.prior_unit
 
 
-def read_options(options: argparse.Namespace, unit: float):
-    """How a command line has a model read; `unit` [m] is that of a mesh or cloud.
+def read_options(options: argparse.Namespace, unit: float, frame: str | None = None):
+    """How a command line has a model read; `unit` [m] is that of a mesh or cloud, `frame` that of a cloud.
 
     Raises:
         InputError: no such unit.
@@ -242,6 +247,7 @@ def read_options(options: argparse.Namespace, unit: float):
             doors="open" if options.open_doors else "closed",
             y_up=None if options.up is None else options.up == "y",
             unit=unit,
+            frame=frame,
         )
     except ValueError as error:
         raise InputError(str(error)) from error
@@ -254,6 +260,10 @@ def _check_kind(options: argparse.Namespace) -> None:
 
     model = prior_files(options.prior, options.also)
     kind = "ifc" if model.has_ifc else kind_of(model.files[0].path)
+    if options.prior_frame is not None and kind != "cloud":
+        raise InputError(f"--prior-frame: only for a point cloud; {options.prior} is a {kind}")
+    if options.prior_frame == "optical" and options.up is not None:
+        raise InputError("--up: not with --prior-frame optical, which says what is up")
     if kind == "ifc":
         if options.prior_unit is not None or options.up is not None:
             raise InputError(f"--prior-unit, --up: not for IFC; {options.prior} says its unit and axes itself")

@@ -17,7 +17,8 @@ from jaxmm.formats.text import rows
 from jaxmm.formats.text_header import remarks_on_end
 from jaxmm.inputs import InputError
 
-NO_VIEWPOINT = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]  # the default, which most writers leave as it is: it says nothing
+# The default, which most writers leave as it is, and what PCL's grabbers write of every Kinect: they say nothing.
+NO_VIEWPOINTS = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]
 
 
 def read_pcd(path: Path) -> list[RawScan]:
@@ -91,6 +92,6 @@ def _pose(viewpoint: list[float]) -> tuple[np.ndarray | None, np.ndarray | None]
     from scipy.spatial.transform import Rotation
 
     x, y, z, w, i, j, k = viewpoint
-    if viewpoint == NO_VIEWPOINT or not 0.5 < np.linalg.norm([w, i, j, k]) < 2.0:
+    if viewpoint in NO_VIEWPOINTS or not 0.5 < np.linalg.norm([w, i, j, k]) < 2.0:
         return None, None
     return np.array([x, y, z]), Rotation.from_quat([i, j, k, w]).as_matrix()

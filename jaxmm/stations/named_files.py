@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxmm.formats.cloud_frames import FRAMES
 from jaxmm.formats.dates import taken_of
 from jaxmm.formats.poses import SEARCH, GivenPose
 from jaxmm.formats.readers import PointScan
@@ -22,7 +23,7 @@ from jaxmm.vectors import lengths
 from jaxmm.verdicts.alignment import lay
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import Prior
-from jaxmm.verdicts.scan_frames import FRAMES, OwnScan, frame_that_fits, own_scan
+from jaxmm.verdicts.scan_frames import OwnScan, frame_that_fits, own_scan
 from jaxmm.verdicts.searched_scans import searched_scan
 from jaxmm.verdicts.station_steps import Context, Shelf
 from warp_scanner.buildings.positions import away_from, span_of

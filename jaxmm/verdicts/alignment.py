@@ -11,23 +11,34 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from jaxmm.formats.cloud_frames import Y_UP_TO_Z_UP, is_before
+from jaxmm.formats.poses import OPTICAL
 from jaxmm.formats.raw_scans import BLOCK
-from jaxmm.formats.units import LEAST_OVERLAP, NEAR, TALLEST, UNITS, Distance, fit_of, height
+from jaxmm.formats.units import LEAST_OVERLAP, NEAR, ON, TALLEST, UNITS, Distance, fit_of, height, thinned
 from jaxmm.inputs import Misfit
 from jaxmm.verdicts.placement import FAR_SHIFT
-from jaxmm.verdicts.priors import Y_UP_TO_Z_UP, Prior, distance_from, read_prior
+from jaxmm.verdicts.priors import Prior, distance_from, read_prior
 from jaxmm.verdicts.scan_frames import ALIKE, CLEARER, LEAST, MEANINGS, MapGrid, OwnScan, as_it_fits, by_sight, map_grid
 from warp_scanner.buildings.model_files import Model
 
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
 ON_A_MAP, TALL_ROOM = 5000.0, 50.0  # [m] a scan so far away is on a map grid; so high, it is in a small unit
 FAR_FROM_FILE = 0.5  # [m] from which on a given pose contradicts that of the file
+OF_OPTICS = "in an optical frame (x right, y down, z forward)"
+LYING = f"prior and scan lie before the z axis, as {OF_OPTICS}: if so, give --prior-frame optical and --frame optical"
 ON_GRID = "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
+CHECK = (
+    "check that both are in one frame (--frame, --prior-frame), and their units (--unit, --prior-unit) and axes (--up)"
+)
 SPANS = 100.0  # spans of a scan that it lies away, from which on no unit explains it
 EVERY = 100  # points, of which one tells the middle of all
 STOREY = 3.0  # [m] about as high as scans are
-HIGHER = 2.0  # times as high as a whole prior, no scan of it is: read in so small a unit, a prior is near all of a scan
+# So many times as high as a whole prior no scan of it is, unless it lies on the scan with so large a share of itself:
+# read in too small a unit, a prior is near all of a scan, and most of it hangs in the air.
+HIGHER, MET = 2.0, 0.5
+MOST_MET = 100_000  # points of a scan that a prior may lie on
 Y_UP = (".glb", ".gltf")  # by their standard
 
 
@@ -88,12 +99,20 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
     pose = None if position is None else (position, scan.rotation)
     notes = (f"it fits the prior in {UNITS[fit.unit]}, and was read so",) if unit is None and fit.unit != 1.0 else ()
     notes = (*meant, *notes)
+    if prior.optical and _looks_along_z(some, position):
+        doubts = (*doubts, LYING)
     stated = None if scan.stated is None else (grid.back if on_map else np.asarray)(scan.stated * fit.unit)
     if on_map:
         if pose is not None and (scan.source == "file" or _nearer(position, some, grid.back(some))):
             pose = grid.back(position), grid.turn @ scan.rotation
         way, notes = (lambda points, before=way: grid.back(before(points))), (*notes, ON_GRID)
     return _compared(LaidScan(own, way, pose, scan.source, notes, doubts), stated, scan.in_world)
+
+
+def _looks_along_z(points: np.ndarray, position: np.ndarray | None) -> bool:
+    """Whether all points (n, 3) of a scan lie before the z axis at its place (3,); None: at zero."""
+    before_x, before_z = is_before(points if position is None else points - position)
+    return before_z and not before_x
 
 
 def _way(scan: OwnScan, unit: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -103,13 +122,15 @@ def _way(scan: OwnScan, unit: float) -> Callable[[np.ndarray], np.ndarray]:
 
 def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
     """What to do about a scan that lies nowhere on the prior: one that is far away may be on a map grid."""
-    places = prior.cloud if prior.building is None else prior.building.triangles.vertices
+    places = _places(prior)
     points = scan.carry(scan.thin)
     away = float(np.abs(np.median(points, axis=0) - prior.origin - np.median(places, axis=0)).max())
     tall = height(points) > TALL_ROOM
     # In millimetres a room is tall and far away, but no further than some times its own span.
-    if away < ON_A_MAP or (tall and away < SPANS * np.ptp(points, axis=0).max()):
-        return "check that both are in one frame (--frame), and their units (--unit, --prior-unit) and axes (--up)"
+    untold = (points,) if prior.file is not None and prior.file.kind == "ifc" else (points, places)
+    small = any(height(some) > TALL_ROOM and away < SPANS * np.ptp(some, axis=0).max() for some in untold)
+    if away < ON_A_MAP or small:
+        return CHECK
     why = ""
     if prior.file is not None and prior.file.kind == "ifc":
         leads = "" if grid is None else ", ".join(f"{value:.2f}" for value in grid.shift)
@@ -168,22 +189,26 @@ def fitting_prior(path: Path | Model, options: Any, scans: list[OwnScan], unit: 
     best, factor, how = as_it_is, 1.0, _Way(options)
     for other in _ways(path, options, prior):
         for length, known in units:
-            if known is not None and rise * known > HIGHER * length * _height_of(prior, other):
-                continue
             on = _share_on(scans, _read_as(distance, other, length), known)
-            if on > best + ALIKE:
-                best, factor, how = on, length, other
+            if on <= best + ALIKE:
+                continue
+            low = known is not None and rise * known > HIGHER * length * _height_of(prior, other)
+            if low and _share_met(prior, other, length, scans, known) < MET:
+                continue
+            best, factor, how = on, length, other
     if best < max(LEAST_OVERLAP if tall else LEAST, CLEARER * as_it_is):
         return prior
     notes = []
     if how.options.y_up != options.y_up:
         up = "y" if how.options.y_up else "z"
         notes.append(f"{path.name} fits the scans with {up} up, and was read that way; --up says which axis it is")
-    if how.carried:
+    if how.options.frame == "sensor":
         notes.append(f"{path.name}: {MEANINGS[1]}: so {best:.0%} of the scans lies on it, else {as_it_is:.0%}")
+    elif how.options.frame == "optical":
+        notes.append(f"{path.name} fits the scans {OF_OPTICS}, and was read so; --prior-frame says its frame")
     if factor != 1.0:
         notes.append(f"{path.name} fits the scans in {UNITS[factor]}, and was read so; --prior-unit says its unit")
-    read = read_prior(path, dataclasses.replace(how.options, unit=options.unit * factor), carried=how.carried)
+    read = read_prior(path, dataclasses.replace(how.options, unit=options.unit * factor))
     return read._replace(notes=(*read.notes, *notes))
 
 
@@ -193,27 +218,45 @@ class _Way(NamedTuple):
     options: Any  # buildings.ReadOptions
     turn: np.ndarray = np.eye(3)  # of rows, after the shift
     shift: np.ndarray = np.zeros(3)  # [m] taken off before
-    carried: bool = False  # by the pose in its file
+
+
+def _places(prior: Prior) -> np.ndarray:
+    """(n, 3) [m] offsets of its points, or of its corners."""
+    return prior.cloud if prior.building is None else prior.building.triangles.vertices
 
 
 def _height_of(prior: Prior, way: _Way) -> float:
     """[m] of a prior from its lowest to its highest point, were it read that way."""
-    places = prior.cloud if prior.building is None else prior.building.triangles.vertices
+    places = _places(prior)
     return float(np.ptp(places @ way.turn.T[:, 2])) if len(places) else 0.0
 
 
+def _share_met(prior: Prior, way: _Way, length: float, scans: list[OwnScan], unit: float) -> float:
+    """Share of a prior that lies on points of scans, which are in a unit [m], were it read another way."""
+    some = [scan.points[:: max(1, len(scan.points) // MOST_MET)] for scan in scans]
+    tree = cKDTree(np.concatenate([scan.world(points, unit) for scan, points in zip(scans, some, strict=True)]))
+    places = (thinned(_places(prior)) + prior.origin) @ way.turn.T + way.shift
+    return float(np.mean(tree.query(places * length, distance_upper_bound=ON)[0] <= ON))
+
+
 def _ways(path: Path | Model, options: Any, prior: Prior) -> Iterator[_Way]:
-    """As it was read, then with the other axis up, then moved by a pose in its file that may be meant so."""
+    """As it was read, then with the other axis up, then of optics, or moved by a pose in its file that may be meant so.
+
+    What was told of it is left as it is.
+    """
     yield _Way(options)
-    if options.y_up is None:
+    if options.y_up is None and options.frame != "optical":
         y_up = path.suffix.lower() not in Y_UP
         yield _Way(dataclasses.replace(options, y_up=y_up), Y_UP_TO_Z_UP.T if y_up else Y_UP_TO_Z_UP)
     if prior.untold is not None:
         yield _carried(options, prior)
+    elif prior.cloud is not None and options.y_up is None and options.frame is None:
+        yield _Way(dataclasses.replace(options, frame="optical"), OPTICAL)
 
 
 def _carried(options: Any, prior: Prior) -> _Way:
-    return _Way(options, prior.untold[1], prior.untold[0], carried=True)
+    upright = Y_UP_TO_Z_UP if options.y_up else np.eye(3)  # so its points were turned as if they were of the world
+    return _Way(dataclasses.replace(options, frame="sensor"), prior.untold[1] @ upright, prior.untold[0])
 
 
 def _told_by_sight(
@@ -229,7 +272,7 @@ def _told_by_sight(
         return prior
     seen, told = by_sight(prior.cloud.astype(np.float64) + prior.origin, prior.untold[0])
     if seen == 1:
-        prior = read_prior(path, options, carried=True)
+        prior = read_prior(path, way.options)
     told = f"{MEANINGS[seen or 0]}: {told or 'nothing tells whether the pose in its file should move them'}"
     return prior._replace(notes=(*prior.notes, f"{path.name}: {told}"))
 

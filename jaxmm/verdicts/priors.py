@@ -12,9 +12,10 @@ from scipy.spatial import cKDTree
 
 from jaxmm.classes.telling_rays import Known
 from jaxmm.files import sha256_of
-from jaxmm.formats.raw_scans import BLOCK, to_world
+from jaxmm.formats.cloud_frames import brought_upright, is_before
+from jaxmm.formats.raw_scans import BLOCK
 from jaxmm.formats.readers import READERS, PointScan, read_scans
-from jaxmm.formats.units import Distance
+from jaxmm.formats.units import Distance, thinned
 from jaxmm.inputs import InputError
 from jaxmm.learning.upright_shapes import is_round, rectangle_along
 from jaxmm.objects.main_directions import QUARTER, uprights_of
@@ -43,7 +44,7 @@ FACADE, PROXY = ("IfcCurtainWall", "IfcPlate", "IfcMember"), "IfcBuildingElement
 LEAST_SHAFT = 0.05  # [m] of a column; less is a bolt between two parts of it
 UPRIGHT = 2.0  # [m] height from which a proxy may be a wall or a column
 MOST_BEHIND = 0.1  # share of its points behind others, beyond which a scan was not taken from where its file says
-Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of rows
+DEEP = 0.2  # times as deep as far away is what a camera sees; a plan high above zero is not, and lies before z, too
 MOST_ASKED = 1_000_000  # points of a cloud, of which the middle is that of all
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
 
@@ -62,6 +63,7 @@ class Prior(NamedTuple):
     # Position (3,) and rotation (3, 3) [m], of a cloud whose file says a pose, and not whether its points are in the
     # sensor's frame.
     untold: tuple[np.ndarray, np.ndarray] | None = None
+    optical: bool = False  # a cloud of which nobody told the frame, and that may be in that of optics: z forward
     # (E,) bool: in its place something else stands, and lower, as scans show: what ends there is no support.
     vacant: np.ndarray | None = None
 
@@ -71,13 +73,12 @@ class Prior(NamedTuple):
         return self.scene is not None
 
 
-def read_prior(path: Path | str | Model, options: ReadOptions = AS_IT_IS, *, carried: bool = False) -> Prior:
+def read_prior(path: Path | str | Model, options: ReadOptions = AS_IT_IS) -> Prior:
     """The prior in a file: IFC, a mesh, or a point cloud, by the ending; a PLY file without faces is a cloud.
 
     Args:
         path: its file, or the files of a model.
-        options: how to read it; of a cloud, its unit and which axis is up.
-        carried: the points of a cloud are in the sensor's frame, where its file says a pose and not what they are in.
+        options: how to read it; of a cloud, its unit, which axis is up, and the frame that its points are in.
 
     Raises:
         InputError: one line that names the file and what is wrong with it.
@@ -95,19 +96,31 @@ def read_prior(path: Path | str | Model, options: ReadOptions = AS_IT_IS, *, car
             raise InputError(str(error)) from error
         file = PriorFile(path.name, kind, building.unit, building.project, sha256_of(path))
         return prior_of_building(building)._replace(file=file)
-    scans = [_upright(scan, bool(options.y_up)) for scan in read_scans(path)]
-    if carried:
-        scans = [carried_by_file(scan) for scan in scans]
+    scans = [brought_upright(scan, options.frame, bool(options.y_up)) for scan in read_scans(path)]
     notes = tuple(f"{path.name}: {note}" for scan in scans for note in scan.remarks)
     points = scans[0].points if len(scans) == 1 else np.concatenate([scan.points for scan in scans])
     prior = prior_of_cloud(points if options.unit == 1.0 else points * options.unit, notes)
     stray = _stray(prior, scans, options.unit)
-    (first, *others), untold = scans, None
-    if not others and first.position is not None and not first.in_world:
-        untold = first.position * options.unit, first.rotation
-    return prior._replace(
-        stray=stray, file=PriorFile(path.name, kind, options.unit, None, sha256_of(path)), untold=untold
-    )
+    (first, *others), untold, optical = scans, None, False
+    if not others and options.frame is None and first.frame is None and not first.in_world:
+        if first.position is not None:
+            untold = first.position * options.unit, first.rotation
+        elif options.y_up is None:
+            optical = _may_be_optical(first.points, options.unit)
+    file = PriorFile(path.name, kind, options.unit, None, sha256_of(path))
+    return prior._replace(stray=stray, file=file, untold=untold, optical=optical)
+
+
+def _may_be_optical(points: np.ndarray, unit: float) -> bool:
+    """Whether points (N, 3), in a unit [m], lie before the z axis as what a camera at zero sees.
+
+    That is near and far, and little of it hidden behind the rest.
+    """
+    before_x, before_z = is_before(thinned(points))
+    if before_x or not before_z:
+        return False
+    low, middle, high = np.percentile(thinned(points)[:, 2], [2, 50, 98])
+    return bool(high - low > DEEP * middle and overtaken(drawn(points, np.zeros(3)) * unit, np.zeros(3)) <= MOST_BEHIND)
 
 
 def _prior_of_model(model: Model, options: ReadOptions) -> Prior:
@@ -127,25 +140,6 @@ def digest_of(model: Model) -> str:
         return sha256_of(model.files[0].path)
     told = sorted(f"{file.name} {sha256_of(file.path)}\n" for file in model.files)
     return hashlib.sha256("".join(told).encode()).hexdigest()
-
-
-def carried_by_file(scan: PointScan) -> PointScan:
-    """A scan that its file's pose takes to the world; as it is where there is none, or the reader did so."""
-    if scan.position is None or scan.in_world:
-        return scan
-    points = scan.points.copy()
-    to_world(points, scan.rotation, scan.position)
-    return scan._replace(points=points, in_world=True)
-
-
-def _upright(scan: PointScan, y_up: bool) -> PointScan:
-    """A scan with z up, of a file in whose frame y is."""
-    if not y_up:
-        return scan
-    scan = scan._replace(points=scan.points @ Y_UP_TO_Z_UP)
-    if scan.position is None:
-        return scan
-    return scan._replace(position=scan.position @ Y_UP_TO_Z_UP, rotation=Y_UP_TO_Z_UP.T @ scan.rotation)
 
 
 def _stray(prior: Prior, scans: list[PointScan], unit: float) -> np.ndarray:

@@ -11,22 +11,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.formats.cloud_frames import FRAMES, Y_UP_TO_Z_UP, carried_by_file, is_optical
 from jaxmm.formats.poses import OPTICAL, GivenPose
 from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import ON, Distance, fit_of, thinned
 from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import overtaken
-from jaxmm.verdicts.priors import MOST_BEHIND, Y_UP_TO_Z_UP, Prior, carried_by_file, distance_from
+from jaxmm.verdicts.priors import MOST_BEHIND, Prior, distance_from
 
-FRAMES = ("world", "sensor", "optical")
 LEAST = 0.2  # share of points that must lie on a prior read another way
 CLEARER = 1.25  # times as many points must lie on it as on the prior as it is
 ALIKE = 0.05  # share of points, by which a less likely way to read it must fit better
 # So many times as many points are hidden behind others, seen from where a scan was not taken from, and so large a share
 # of them more.
 HIDDEN_MORE, HIDDEN_CLEARLY = 3.0, 0.03
-AHEAD, WIDE = 0.98, 70.0  # share of a camera's points within an angle [deg] of where it looks
-UPRIGHT = 30.0  # [deg] from upright, within which the axis is of what looks around
 MEANINGS = (
     "its points were taken to be in the world's frame",
     "its points were taken to be in the sensor's frame, and moved by the pose in its file",
@@ -249,7 +247,7 @@ def frame_that_fits(
     optical = "with --frame optical"
     if best == "with --frame sensor" and shares[best] - shares[optical] < ALIKE:  # the same place in both
         own = to_sensor(scan).of(scan.points) if scan.in_world else scan.points
-        return optical if _is_optical(own, scan.rotation if given is None else given.rotation) else best
+        return optical if is_optical(own, scan.rotation if given is None else given.rotation) else best
     return best
 
 
@@ -266,25 +264,6 @@ def _as_sensor(scan: PointScan) -> tuple[PointScan, Motion]:
 
 def _as_seen(scan: PointScan) -> PointScan:
     """A scan in the world, with the pose of the sensor where that in its file may be of its optics."""
-    if _is_optical(to_sensor(scan).of(thinned(scan.points)), scan.rotation):
+    if is_optical(to_sensor(scan).of(thinned(scan.points)), scan.rotation):
         return scan._replace(rotation=scan.rotation @ OPTICAL.T)
     return scan
-
-
-def _is_optical(own: np.ndarray, rotation: np.ndarray) -> bool:
-    """Whether the axes of a scan's points are those of optics: x right, y down, z forward.
-
-    All that a camera sees is before its z axis then, and not before its x axis. What looks around sees all azimuths,
-    and less elevations about what is upright: then y points down.
-
-    Args:
-        own: (N, 3) points in these axes.
-        rotation: (3, 3) of these axes to the world.
-    """
-    length = np.linalg.norm(own, axis=1)
-    unit = own[length > 0.0] / length[length > 0.0, None]
-    before_x, _, before_z = np.mean(unit > np.cos(np.radians(WIDE)), axis=0) >= AHEAD
-    if before_x or before_z:
-        return bool(before_z and not before_x)
-    low, high = np.percentile(unit, [1, 99], axis=0)
-    return bool(rotation[2, 1] < -np.cos(np.radians(UPRIGHT)) and (high - low)[1] < (high - low)[2])

@@ -192,6 +192,10 @@ def test_a_preset_of_the_settings_counts_unless_another_is_given(files, tmp_path
         pytest.param({"--model": "none.safetensors"}, ["none.safetensors"], id="no model"),
         pytest.param({"--unit": "-1"}, ["--unit", "above 0"], id="a negative unit"),
         pytest.param({"--prior-unit": "0.001"}, ["--prior-unit", "IFC"], id="a unit for IFC"),
+        pytest.param({"--prior-frame": "optical"}, ["--prior-frame", "only for a point cloud"], id="a frame for IFC"),
+        pytest.param(
+            {"prior": "scan.npy", "--prior-frame": "optical", "--up": "y"}, ["--up", "--prior-frame"], id="up twice"
+        ),
         pytest.param({"prior": "room.obj", "--apply": None}, ["--apply", "only for IFC"], id="a mesh to apply to"),
         pytest.param({"prior": "scan.npy", "--apply": None}, ["--apply", "only for IFC"], id="a cloud to apply to"),
         pytest.param({"prior": "room.obj", "--as-built": None}, ["--as-built", "only for IFC"], id="a mesh as built"),

@@ -66,7 +66,8 @@ def test_vertices_stand_among_comments_and_before_faces(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "viewpoint, posed", [("1 2 3 0.8 0 0 0.6", True), ("0 0 0 1 0 0 0", False), ("0 0 0 0 0 0 0", False)]
+    "viewpoint, posed",
+    [("1 2 3 0.8 0 0 0.6", True), ("0 0 0 1 0 0 0", False), ("0 0 0 0 1 0 0", False), ("0 0 0 0 0 0 0", False)],
 )
 def test_viewpoints_of_pcd(tmp_path, viewpoint, posed):
     pytest.importorskip("pypcd4")

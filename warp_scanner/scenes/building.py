@@ -151,9 +151,14 @@ class ReadOptions:
     doors: str = "closed"  # or "open": doors are left out
     y_up: bool | None = None  # of meshes, clouds: y is up in the file; None: in glTF, which says so, and in no other
     unit: float = 1.0  # [m] of meshes, clouds: length of the file's unit; IFC files say it themselves
+    # Of clouds: what the points are in, "world", "sensor" or "optical" (x right, y down, z forward); None: the world.
+    frame: str | None = None
 
     def __post_init__(self):
-        for name, allowed in (("glass", ("solid", "transparent")), ("doors", ("closed", "open"))):
+        frames = (None, "world", "sensor", "optical")
+        for name, allowed in (
+            ("glass", ("solid", "transparent")), ("doors", ("closed", "open")), ("frame", frames),
+        ):  # fmt: skip
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} must be one of {allowed}, got {getattr(self, name)!r}")
         if not 0.0 < self.unit < np.inf:

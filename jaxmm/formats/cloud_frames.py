@@ -1,0 +1,76 @@
+"""In which frame the points of a file are: the world's, the sensor's, or that of its optics; and how they come upright.
+
+N points of a scan, or of a cloud that is a prior. World frame: z up.
+"""
+
+import numpy as np
+
+from jaxmm.formats.poses import OPTICAL
+from jaxmm.formats.raw_scans import to_world
+from jaxmm.formats.readers import PointScan
+
+FRAMES = ("world", "sensor", "optical")
+Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of rows
+AHEAD, WIDE = 0.98, 70.0  # share of a camera's points within an angle [deg] of where it looks
+UPRIGHT = 30.0  # [deg] from upright, within which the axis is of what looks around
+
+
+def carried_by_file(scan: PointScan) -> PointScan:
+    """A scan that its file's pose takes to the world; as it is where there is none, or the reader did so."""
+    if scan.position is None or scan.in_world:
+        return scan
+    points = scan.points.copy()
+    to_world(points, scan.rotation, scan.position)
+    return scan._replace(points=points, in_world=True)
+
+
+def brought_upright(scan: PointScan, frame: str | None, y_up: bool) -> PointScan:
+    """A scan of which nobody gives a pose, with z up.
+
+    Args:
+        scan: as read.
+        frame: one of FRAMES, which its points are in, unless the format tells that itself; None: untold, and they stay
+            where they are. The pose in its file takes those of a sensor to the world; without one, those of optics (x
+            right, y down, z forward) are turned, and those of a sensor, which have z up, stay.
+        y_up: of the world that they are in then, y is up.
+    """
+    frame = scan.frame or frame
+    if frame in ("sensor", "optical") and not scan.in_world:
+        turned = scan._replace(points=scan.points @ OPTICAL.T) if frame == "optical" else scan
+        scan = turned if scan.position is None else carried_by_file(scan)
+    if not y_up:
+        return scan
+    scan = scan._replace(points=scan.points @ Y_UP_TO_Z_UP)
+    if scan.position is None:
+        return scan
+    return scan._replace(position=scan.position @ Y_UP_TO_Z_UP, rotation=Y_UP_TO_Z_UP.T @ scan.rotation)
+
+
+def is_before(points: np.ndarray) -> tuple[bool, bool]:
+    """Whether all that a camera sees lies before the x axis of its points (N, 3), and before the z axis."""
+    unit = _directions(points)
+    before_x, _, before_z = np.mean(unit > np.cos(np.radians(WIDE)), axis=0) >= AHEAD
+    return bool(before_x), bool(before_z)
+
+
+def is_optical(own: np.ndarray, rotation: np.ndarray) -> bool:
+    """Whether the axes of a scan's points are those of optics: x right, y down, z forward.
+
+    All that a camera sees is before its z axis then, and not before its x axis. What looks around sees all azimuths,
+    and less elevations about what is upright: then y points down.
+
+    Args:
+        own: (N, 3) points in these axes.
+        rotation: (3, 3) of these axes to the world.
+    """
+    before_x, before_z = is_before(own)
+    if before_x or before_z:
+        return before_z and not before_x
+    low, high = np.percentile(_directions(own), [1, 99], axis=0)
+    return bool(rotation[2, 1] < -np.cos(np.radians(UPRIGHT)) and (high - low)[1] < (high - low)[2])
+
+
+def _directions(points: np.ndarray) -> np.ndarray:
+    """(n, 3) of unit length, of those of the points (N, 3) that are not at zero."""
+    length = np.linalg.norm(points, axis=1)
+    return points[length > 0.0] / length[length > 0.0, None]
