@@ -229,8 +229,7 @@ def test_places_are_outside_of_a_rectangle_by_the_axis_that_they_are_furthest_on
 def test_rooms_of_a_draw_give_the_same_candidates_each_time_and_all_kinds_among_them(monkeypatch):
     monkeypatch.setattr(object_training, "AT_ONCE", 3)
     draws = [examples_of_draw(number) for number in (0, 1, 2, object_training.MIXED + 1)]
-    again = examples_of_draw(1)
-    np.testing.assert_array_equal(draws[1].clues, again.clues)
+    np.testing.assert_array_equal(draws[1].clues, (again := examples_of_draw(1)).clues)
     np.testing.assert_array_equal(draws[1].kind, again.kind)
     assert all(np.isfinite(draw.clues).all() and draw.clues.shape == (len(draw.kind), len(CLUES)) for draw in draws)
     assert len(set(np.concatenate([draw.kind for draw in draws]).tolist())) > 1

@@ -254,8 +254,7 @@ def lost(tmp_path, old, new):
     """The names of what has no shape, and why, in the valid file with one bit of text for another."""
     text = ifc_text("IFC4").decode()
     assert old in text
-    path = tmp_path / "odd.ifc"
-    path.write_text(text.replace(old, new, 1))
+    (path := tmp_path / "odd.ifc").write_text(text.replace(old, new, 1))
     building = read_ifc(path)
     told = {failure.name: failure.reason for failure in building.failures}
     assert set(building.elements.name) | told.keys() == {"wall", "column", "wedge", "pane"}
