@@ -41,8 +41,9 @@ SLICE = 0.3  # [m] to both sides of the cut: points within it are drawn
 MOST_LEVELS, MOST_LISTED = 4, 14
 LEFT, PLAN_WIDTH, LEGEND_WIDTH, ROOM_FOR_LABELS = 0.75, 7.5, 4.2, 1.0  # [inch]
 MOST_SIGNS, LEGEND_LINE = 12, 0.2  # entries that explain the plan, and height of one [inch]
-NAME_AT = (0.0, -22.0)  # [pt] from a sensor to the middle of its name
 NAME_SPANS = (-15.0, 0.0, 15.0)  # [pt] a name is wide: from its middle, places that it takes
+NAMES_AT = tuple((x, y) for y in (-22.0, 22.0, 0.0) for x in (0.0, 38.0, -38.0) if x or y)  # [pt] from a sensor
+CLEAR = 13.0  # [pt] between a name and a sensor or another name
 APART = 26.0  # [pt] between the middles of numbers, and from such places
 
 
@@ -118,12 +119,12 @@ def _draw_level(axes: Axes, detection: Detection, level: Level, limits: tuple, s
     entries = list(_draw_surfaces(axes, detection, level, limits, shift))
     entries += _draw_slice(axes, detection, level, shift)
     entries += _draw_next_views(axes, detection, level, base)
-    entries += _draw_sensors(axes, detection, level, base)
-    sensors = np.array([detection.scans[n].pose[:2] for n in level.scans]).reshape(-1, 2) - base[:2]
     low, high = limits
     axes.set(xlim=(low[0] + shift[0], high[0] + shift[0]), ylim=(low[1] + shift[1], high[1] + shift[1]), aspect="equal")
     axes.apply_aspect()
-    taken = [_on_paper(axes, place) + NAME_AT + [part, 0.0] for place in sensors for part in NAME_SPANS]
+    entries += _draw_sensors(axes, detection, level, base)
+    sensors = np.array([detection.scans[n].pose[:2] for n in level.scans]).reshape(-1, 2) - base[:2]
+    taken = _name_sensors(axes, sensors, [n + 1 for n in level.scans])
     entries += _draw_unexplained(axes, detection, level, base)
     for index, one in shown:
         _draw_mismatch(axes, index, one, base, sensors, taken)
@@ -195,14 +196,30 @@ def _draw_sensors(axes: Axes, detection: Detection, level: Level, base: np.ndarr
             axes.add_patch(Wedge((x, y), _reach(detection, n), *ends, zorder=0, **look))
             entries.append(Patch(label="field of view", **look | {"alpha": 0.12}))
         _mark_pose(axes, (x, y), yaw, BLACK)
-        name = axes.annotate(
-            f"scan {n + 1}", (x, y), NAME_AT, textcoords="offset points", ha="center", va="center", zorder=8
-        )
-        name.set_path_effects([withStroke(linewidth=4, foreground="white")])  # it may stand on a wall
         entries.append(
             Line2D([], [], color=BLACK, marker="o", markersize=8, linestyle="", label="sensor and its heading")
         )
     return entries
+
+
+def _name_sensors(axes: Axes, sensors: np.ndarray, numbers: list[int]) -> list[np.ndarray]:
+    """Each scan's name by its sensor (S, 2), clear of other sensors and names where it can be; 3 S places (2,) [pt]."""
+    marks = [_on_paper(axes, place) for place in sensors]
+    taken: list[np.ndarray] = []
+    for place, mark, number in zip(sensors, marks, numbers, strict=True):
+        ways = (np.array([[x + part, y] for part in NAME_SPANS]) for x, y in NAMES_AT)
+        free = (way for way in ways if _clear(mark + way, [*marks, *taken]))
+        way = next(free, np.array([[part, NAMES_AT[0][1]] for part in NAME_SPANS]))
+        look = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 8}
+        name = axes.annotate(f"scan {number}", place, way.mean(axis=0), **look)
+        name.set_path_effects([withStroke(linewidth=4, foreground="white")])  # it may stand on a wall
+        taken += list(mark + way)
+    return taken
+
+
+def _clear(places: np.ndarray, taken: list[np.ndarray]) -> bool:
+    """Whether places (K, 2) [pt] of a name are clear of those that are taken, each (2,)."""
+    return all(np.linalg.norm(places - other, axis=1).min() >= CLEAR for other in taken)
 
 
 def _reach(detection: Detection, scan: int) -> float:

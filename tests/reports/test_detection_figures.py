@@ -302,6 +302,23 @@ def test_numbers_in_the_plan_do_not_cover_each_other_nor_the_sensor(sparse):
         assert not any(box.overlaps(other) for other in boxes[number + 1 :])
 
 
+def test_names_of_scans_cover_no_other_name_and_no_sensor(sparse):
+    """Of 11 stations some stand a stride apart."""
+    x, y, *rest = sparse.scans[0].pose
+    strides = np.random.default_rng(3).uniform(-1.2, 1.2, (11, 2))
+    scans = tuple(sparse.scans[0]._replace(pose=(x + right, y + ahead, *rest)) for right, ahead in strides.tolist())
+    figure = draw_plan(sparse._replace(mismatches=(), scans=scans))
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    names = [text for text in axes.texts if text.get_text().startswith("scan ")]
+    assert len(names) == 11
+    boxes = [Text.get_window_extent(text) for text in names]
+    marks = [axes.transData.transform(text.xy) for text in names]
+    for number, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[number + 1 :])
+        assert not any(box.contains(*mark) for mark in marks)
+
+
 def test_a_number_in_a_panorama_stands_on_its_box_behind_the_sensor_too(sparse, tmp_path):
     x, y, z, _, _ = sparse.scans[0].pose
     one = next(one for one in sparse.mismatches if one.object_type == "pillar")

@@ -178,3 +178,31 @@ def test_a_swipe_leaves_the_page_its_finger_until_the_view_is_tapped(removed, tm
     assert re.search(r"#canvas \{[^}]*touch-action: pan-y", style)
     assert re.search(r"#canvas:focus \{ touch-action: none; \}", style)
     assert run(tmp_path, removed, TAP) == [None, None, "canvas", None]
+
+
+FROM_SCANS = """
+const views = byId("cameras").children;
+const list = views.find((one) => one.tag === "select");
+const seen = [];
+for (const [scan, place] of %s.entries()) {
+  if (list) Object.assign(list, { value: String(scan) }).emit("change");
+  else views[2 + scan].click();
+  settle();
+  seen.push(hook.project(place));
+}
+return { seen, buttons: views.filter((one) => one.tag === "button").length, value: list?.value ?? "" };
+"""
+
+
+@pytest.mark.parametrize(("count", "buttons"), [(1, 3), (8, 10), (9, 2), (40, 2)])
+def test_the_view_goes_to_every_scan_however_many_there_are(removed, tmp_path, count, buttons):
+    """What is ahead of each sensor is in the middle of the window then."""
+    x, y, z, _, _ = removed.scans[0].pose
+    poses = [(x + 0.1 * n, y, z, 360.0 * n / count, 0.0) for n in range(count)]
+    scans = tuple(removed.scans[0]._replace(pose=pose) for pose in poses)
+    yaws = np.radians([pose[3] for pose in poses])
+    ahead = np.array([pose[:3] for pose in poses]) + 2.0 * np.stack([np.cos(yaws), np.sin(yaws), 0.0 * yaws], axis=1)
+    told = run(tmp_path, removed._replace(scans=scans), FROM_SCANS % json.dumps(ahead.tolist()))
+    assert told["buttons"] == buttons
+    assert told["value"] == ""  # the same scan can be chosen again
+    np.testing.assert_allclose(told["seen"], [[400.0, 300.0]] * count, atol=1.0)

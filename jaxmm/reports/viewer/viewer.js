@@ -51,6 +51,7 @@ function move(to) {
 }
 
 const [SLOW, QUICK] = [70, 15]; // [ms] of a picture: slower ones are drawn coarser while the camera moves, or finer
+const MOST_BUTTONS = 8; // of scans: more of them are one list
 const REST = 250; // [ms] after which the camera stands still
 
 /** All of it is drawn once the camera stands still. */
@@ -176,13 +177,25 @@ function refresh() {
   redraw();
 }
 
+/** A list of [name, () => camera]; choosing one flies there, and the list is ready for the same one again. */
+function choiceOf(title, views) {
+  const list = make("select", { "aria-label": title }, make("option", { value: "" }, title));
+  list.append(...views.map(([name], index) => make("option", { value: index }, name)));
+  list.addEventListener("change", () => {
+    fly(views[list.value][1]());
+    list.value = "";
+  });
+  return list;
+}
+
 function showCameras() {
   const views = [["Overview", () => overview(state.cut, aspect())], ["Plan", () => plan(state.cut, aspect())]];
   const several = report.scans.length > 1;
-  report.scans.slice(0, 8).forEach((one, scan) => {
-    views.push([several ? `From scan ${scan + 1}` : "From the sensor", () => fromSensor(one.pose)]);
-  });
+  const named = (scan) => (several ? `From scan ${scan + 1}` : "From the sensor");
+  const sensors = report.scans.map((one, scan) => [named(scan), () => fromSensor(one.pose)]);
+  if (sensors.length <= MOST_BUTTONS) views.push(...sensors);
   byId("cameras").append(...views.map(([name, to]) => make("button", { click: () => fly(to()) }, name)));
+  if (sensors.length > MOST_BUTTONS) byId("cameras").append(choiceOf("From scan …", sensors));
   canvas.addEventListener("keydown", (event) => {
     if (event.key === "Home") fly(overview(state.cut, aspect()));
     else if (event.key === "Escape") actions.clear();
