@@ -6,9 +6,10 @@ import pytest
 from jaxmm.vectors import lengths
 
 
+@pytest.mark.parametrize("columns", [2, 3])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_lengths_are_those_of_numpy_to_the_last_bit(dtype):
-    vectors = (np.random.default_rng(0).normal(size=(100_000, 3)) * [1e-3, 1.0, 1e3]).astype(dtype)
+def test_lengths_are_those_of_numpy_to_the_last_bit(dtype, columns):
+    vectors = (np.random.default_rng(0).normal(size=(100_000, columns)) * [1e-3, 1.0, 1e3][:columns]).astype(dtype)
     found = lengths(vectors)
     assert found.dtype == dtype
     np.testing.assert_array_equal(found, np.linalg.norm(vectors, axis=1))

@@ -21,6 +21,7 @@ from jaxmm.deviations.fits import (
     count_cells,
 )
 from jaxmm.deviations.meetings import MOST_OFF, Meetings
+from jaxmm.vectors import lengths
 
 RADIUS = 0.002  # [m] that a shaft may be thicker or thinner than drawn, which looks like a shift toward the sensor
 OVAL = 0.05  # of the radius, that a round shaft may be off a circle
@@ -88,7 +89,7 @@ def _laid(body: Meetings, circle: tuple[np.ndarray, float] | None, shift: np.nda
     if circle is None:
         return body.normal[:, :2], body.off - body.normal[:, :2] @ shift
     arms = body.end[:, :2] - circle[0] - shift
-    reach = np.maximum(np.linalg.norm(arms, axis=1), 1e-9)
+    reach = np.maximum(lengths(arms), 1e-9)
     return arms / reach[:, None], reach - circle[1]
 
 

@@ -23,6 +23,7 @@ from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors
 from jaxmm.deviations.shifted_columns import Shift, columns_of
 from jaxmm.deviations.tolerances import Slope, din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
+from jaxmm.vectors import lengths
 from warp_scanner.scenes.building import element_bounds
 from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare_part
 
@@ -205,7 +206,7 @@ def bodies_of(scene: TriangleScene) -> Callable[[int], Body]:
     triangles = scene.triangles
     low, high = (bound.astype(np.float64) for bound in element_bounds(triangles))
     a, b, c = (triangles.vertices[corner].astype(np.float64) for corner in triangles.faces.T)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
+    area = lengths(np.cross(b - a, c - a)) / 2.0
     area = np.bincount(triangles.element, area, len(triangles.semantic))
     order = np.argsort(triangles.element, kind="stable")
     starts = np.searchsorted(triangles.element[order], np.arange(len(area) + 1))

@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxmm.deviations.meetings import Meetings
 from jaxmm.rays.evidence import BASE_MARGIN
+from jaxmm.vectors import lengths
 from warp_scanner.scenes.building import Triangles, element_bounds
 from warp_scanner.scenes.scenes import DOOR, WINDOW
 
@@ -59,7 +60,7 @@ def heights_of(triangles: Triangles, met: Meetings) -> Heights:
     row = met.element.astype(np.int64)
     way = met.end - met.sensor
     # Along a ray, what it is off across the face grows with the incidence.
-    cosine = np.abs(np.einsum("kc,kc->k", met.normal, way)) / np.linalg.norm(way, axis=1)
+    cosine = np.abs(np.einsum("kc,kc->k", met.normal, way)) / lengths(way)
     place = met.end + way * (met.off / (cosine * met.reach))[:, None]
     low, height = frame.low[row], frame.height[row]
     through = met.off < -(BEHIND + GROWS * met.reach)

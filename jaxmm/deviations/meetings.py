@@ -15,6 +15,7 @@ import numpy as np
 
 from jaxmm.rays.hits import hits_of
 from jaxmm.rays.scan_rays import ScanRays
+from jaxmm.vectors import lengths
 from warp_scanner.sensors.triangles import TriangleScene
 
 MOST_OFF = 0.45  # [m] off a face, beyond which a ray does not tell where it stands
@@ -75,7 +76,7 @@ def meetings_of(
         tells &= ~clear[expected.face]
     hit = np.flatnonzero(tells)
     way, normal = direction[hit].astype(np.float64), expected.normal[hit].astype(np.float64)
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    way /= lengths(way)[:, None]
     cosine = -np.einsum("kc,kc->k", normal, way)
     normal, cosine = normal * np.sign(cosine)[:, None], np.abs(cosine)
     element, distance, reach = expected.element[hit], distance[hit], expected.distance[hit].astype(np.float64)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.rays.scan_rays import ScanRays, measured_points
+from jaxmm.vectors import lengths
 from warp_scanner.clouds.voxels import thin_clouds
 from warp_scanner.scenes.building import Triangles, element_bounds
 from warp_scanner.scenes.scenes import DOOR, PILLAR, WINDOW
@@ -141,12 +142,12 @@ def _shift(places: _Places, about: np.ndarray, row: int, most: float) -> Shift |
     line = np.arange(-most, most + STEP / 2.0, STEP)
     x, y = (part.ravel() for part in np.meshgrid(line, line))
     tried = np.column_stack([x, y, np.zeros(len(x))])
-    tried = tried[np.linalg.norm(tried, axis=1) <= most]
+    tried = tried[lengths(tried) <= most]
     laid = (about[None] - tried[:, None].astype(np.float32)).reshape(-1, 3)
     own = prepare_part(triangles, triangles.element == row)
     off = clearance(own, laid, ON).reshape(len(tried), -1)
     on = np.sum(off < CLOSE, axis=1)
-    in_place = on[np.argmin(np.linalg.norm(tried, axis=1))]
+    in_place = on[np.argmin(lengths(tried))]
     # Ranges err by a centimetre and more, and so does the nearest shift that is tried.
     if np.sum(off[on.argmax()] < ON) < LEAST_SHARE * len(about) or in_place > AS_GOOD * on.max():
         return None

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from jaxmm.vectors import lengths
+
 ANGLES = 90  # directions that a face is sought in, over half a turn
 INSIDE = 0.05  # [m] from the sides of a rectangle, beyond which nothing lies on them
 REFINEMENTS = 5  # fits of a line to what lies on the line before
@@ -106,7 +108,7 @@ def circle_through(places: np.ndarray, tolerance: float) -> Circle | None:
         if fitted is None:
             return None
         center, radius = fitted
-        on = np.abs(np.linalg.norm(places - center, axis=1) - radius) <= cut * tolerance
+        on = np.abs(lengths(places - center) - radius) <= cut * tolerance
     if on.sum() < 6:
         return None
     return Circle(center, radius, on, _covered(places[on] - center))
@@ -156,7 +158,7 @@ def is_round(vertices: np.ndarray) -> bool:
     corners = places[ConvexHull(places).vertices]
     if len(corners) < ROUND_CORNERS:
         return False
-    reach = np.linalg.norm(corners - _algebraic(corners)[0], axis=1)
+    reach = lengths(corners - _algebraic(corners)[0])
     return bool(np.ptp(reach) <= ROUND_SPREAD * reach.max())
 
 
@@ -229,7 +231,7 @@ def _geometric(places: np.ndarray, start: tuple[np.ndarray, float]) -> tuple[np.
     center, radius = start
     for _ in range(REFINEMENTS):
         offset = places - center
-        reach = np.linalg.norm(offset, axis=1)
+        reach = lengths(offset)
         if not 0.0 < radius < MOST_RADIUS or reach.min() < 1e-6:
             return None
         columns = np.column_stack([offset / reach[:, None], np.ones(len(reach))])

@@ -15,6 +15,7 @@ from jaxmm.objects.patches import Sight, crossings, crossings_along, upright_pat
 from jaxmm.objects.pieces import Piece
 from jaxmm.objects.view_window import View, edge_beyond
 from jaxmm.objects.walls import LOOKED_THROUGH, STEP, WallSettings, reach
+from jaxmm.vectors import lengths
 
 DEEP_STEPS = 20  # of STEP each, behind a face, in which one looks for the back of a thing
 BACKS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.3)  # [m] behind a face, where one looks along it
@@ -74,7 +75,7 @@ def ends_of(
 
     def end_at(way: float) -> End:
         end, toward = piece.face.ends[0 if way < 0 else 1], way * piece.face.along
-        at_end = members[np.linalg.norm(places - end, axis=1) < AT_END]
+        at_end = members[lengths(places - end) < AT_END]
         return End(
             min(reach(sight, piece, way, settings), FAR),
             min((_deep(look.sight, piece, end, settings) for look in looks), default=FAR),
@@ -128,7 +129,7 @@ def _asked(sight: Sight, piece: Piece, end: np.ndarray) -> tuple[float, ...]:
     """The place [m] from which most of the face at one of its ends (2,) [m] was seen, its front."""
     origin = sight.origin[piece.members]
     before = (origin[:, :2] - piece.face.center) @ piece.toward > 0.0
-    near = before & (np.linalg.norm(sight.points[piece.members, :2] - end, axis=1) < INSIDE)
+    near = before & (lengths(sight.points[piece.members, :2] - end) < INSIDE)
     places, many = np.unique(origin[near if near.any() else before], axis=0, return_counts=True)
     return tuple((places[np.argmax(many)] if len(places) else piece.origin).tolist())
 

@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.vectors import lengths
+
 UPRIGHT = 0.1  # most z of a unit normal
 NEAR = 30.0  # [m] in plan over which a surface counts e times less: wings of a building have grids of their own
 BINS = 90  # over a quarter of a turn
@@ -29,7 +31,7 @@ def uprights_of(vertices: np.ndarray, faces: np.ndarray, element: np.ndarray) ->
     """The upright ones of the triangles of a building: vertices (V, 3) [m], faces (T, 3) int, element (T,) int."""
     corners = vertices[faces]
     normal = np.cross((corners[:, 1] - corners[:, 0]).astype(np.float64), corners[:, 2] - corners[:, 0])
-    size = np.linalg.norm(normal, axis=1)
+    size = lengths(normal)
     upright = np.abs(normal[:, 2]) < UPRIGHT * size
     normal, corners = normal[upright], corners[upright]
     turn = np.arctan2(normal[:, 1], normal[:, 0]) % QUARTER
@@ -49,7 +51,7 @@ def grid_near(uprights: Uprights, place: np.ndarray, floor: float, ceiling: floa
     if not len(here):
         return None
     turn, low, high = uprights.turn[here], uprights.low[here, :2], uprights.high[here, :2]
-    away = np.linalg.norm(np.maximum(np.maximum(low - place, place - high), 0.0), axis=1)
+    away = lengths(np.maximum(np.maximum(low - place, place - high), 0.0))
     weight = uprights.area[here] * np.exp(-(away - away.min()) / NEAR)
     step = QUARTER / BINS
     count = np.bincount((turn / step).astype(int) % BINS, weight, BINS)

@@ -12,6 +12,7 @@ from jaxmm.learning.density_clusters import density_clusters
 from jaxmm.learning.upright_shapes import Circle, Face, circle_through, face_through, faces_of
 from jaxmm.objects.patches import Sight
 from jaxmm.objects.shafts import face_of_shaft, shaft_of
+from jaxmm.vectors import lengths
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,7 +124,7 @@ def _grown(sight: Sight, piece: Piece, loose: np.ndarray, settings: PieceSetting
         return piece, higher
     places = sight.points[loose, :2]
     if piece.circle is not None:
-        away = np.linalg.norm(places - piece.circle.center, axis=1)
+        away = lengths(places - piece.circle.center)
         on = np.abs(away - piece.circle.radius) <= settings.tolerance
         grown = piece._replace(members=np.sort(np.append(piece.members, loose[on])))
         return grown, np.append(loose[~on], higher)
@@ -162,7 +163,7 @@ def _round(places: np.ndarray, faces: list[Face], settings: PieceSettings) -> Ci
     if circle is None or circle.arc < settings.arc or not settings.radius[0] <= circle.radius <= settings.radius[1]:
         return None
     most = settings.tolerance
-    off = np.minimum(np.abs(np.linalg.norm(places - circle.center, axis=1) - circle.radius), most)
+    off = np.minimum(np.abs(lengths(places - circle.center) - circle.radius), most)
     straight = np.full(len(places), most)
     for face in faces[:3]:
         place, beside = (places - face.center) @ face.along, (places - face.center) @ face.across

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from jaxmm.learning.upright_shapes import circle_through
 from jaxmm.objects.face_finish import Rays
+from jaxmm.vectors import lengths
 
 SEEN_AT = (0.1, 0.9)  # quantiles of the heights of a thing, between which rays are asked: its rims are no part of it
 NEAR = 0.12  # [m] in plan from a thinned point: what ends there is of the same thing
@@ -112,7 +113,7 @@ def _is_rounder(places: np.ndarray, off: np.ndarray) -> bool:
     circle = circle_through(places, INSIDE)
     if circle is None or circle.radius > WIDEST / 2:
         return False
-    round_off = np.abs(np.linalg.norm(places - circle.center, axis=1) - circle.radius)
+    round_off = np.abs(lengths(places - circle.center) - circle.radius)
     return bool(np.mean(np.minimum(round_off, INSIDE) ** 2) < np.mean(np.minimum(off, INSIDE) ** 2))
 
 
@@ -144,13 +145,13 @@ class _Ways:
 def _ends_on(ways: _Ways, points: np.ndarray) -> _Ends:
     low, high = np.quantile(points[:, 2], SEEN_AT)
     middle, tree = points[:, :2].mean(axis=0), cKDTree(points[:, :2])
-    around = float(np.linalg.norm(points[:, :2] - middle, axis=1).max()) + WIDEST / 2
+    around = float(lengths(points[:, :2] - middle).max()) + WIDEST / 2
     rays, rows = ways.rays, ways.toward(middle, around)
     origin = np.broadcast_to(rays.origin, rays.direction.shape)[rows]
     offset, direction = middle - origin[:, :2], rays.direction[rows, :2]
     ahead = np.einsum("ij,ij->i", offset, direction)
     beside = offset[:, 0] * direction[:, 1] - offset[:, 1] * direction[:, 0]
-    length = np.linalg.norm(direction, axis=1)
+    length = lengths(direction)
     near = (ahead > 0.0) & (np.abs(beside) <= around * length) & np.isfinite(rays.distance[rows])
     origin, direction = origin[near].astype(np.float64), rays.direction[rows[near]].astype(np.float64)
     reach = rays.distance[rows[near]].astype(np.float64)
@@ -200,7 +201,7 @@ def _sides(turned: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _off(turned: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """How far (n,) [m] places are from the outline of a rectangle; negative inside."""
     beyond = np.maximum(low - turned, turned - high)  # (n, 2), negative inside
-    outer = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    outer = lengths(np.maximum(beyond, 0.0))
     return np.where(outer > 0.0, outer, beyond.max(axis=1))
 
 

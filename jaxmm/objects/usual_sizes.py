@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.objects.main_directions import NEAR, UNKNOWN, off_grid
+from jaxmm.vectors import lengths
 
 WIDEST = 2.0  # [m] beyond which a column is as good as a wall
 
@@ -45,7 +46,7 @@ def habits_around(own: OwnElements | None, place: np.ndarray, grid: float | None
     if own is None:
         return Habits()
     width, length = np.minimum(own.longer[~own.is_wall], WIDEST), own.longer[own.is_wall]
-    weight = np.exp(-np.linalg.norm(own.place - place, axis=1) / NEAR)
+    weight = np.exp(-lengths(own.place - place) / NEAR)
     columns, walls = ~own.is_wall & ~own.is_round, own.is_wall
     return Habits(
         float(np.log1p(len(length))), _least(length), float(np.log1p(len(width))), _least(width),

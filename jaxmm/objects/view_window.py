@@ -61,7 +61,7 @@ def _around(places: np.ndarray) -> np.ndarray | None:
             hull = ConvexHull(places)
         except QhullError:  # all in one line
             return None
-        near = [np.sum(np.linalg.norm(places - places[corner], axis=1) < LONELY) for corner in hull.vertices]
+        near = [np.sum(lengths(places - places[corner]) < LONELY) for corner in hull.vertices]
         lonely = hull.vertices[np.array(near) == 1]  # itself
         if not len(lonely):
             break

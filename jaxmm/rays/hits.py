@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.vectors import lengths
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.surface import incidence_of
 from warp_scanner.sensors.triangles import TriangleScene, cast_faces, face_normals
@@ -29,5 +30,5 @@ def hits_of(scene: TriangleScene, position: np.ndarray, direction: np.ndarray) -
     normal = face_normals(scene.triangles, face)
     cosine = np.cos(incidence_of(normal, rays))[0]
     with np.errstate(invalid="ignore"):  # triangles without an area, which no ray meets
-        unit = normal[0] / np.linalg.norm(normal[0], axis=1, keepdims=True)
+        unit = normal[0] / lengths(normal[0])[:, None]
     return Hits(scan.distance[0], scan.element[0], cosine, unit, face[0])

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from jaxmm.rays.open_directions import GIVEN, information, open_directions
+from jaxmm.vectors import lengths
 
 SPACING = 0.1  # [m] both clouds are thinned to it
 NEIGHBOURS = 15  # that tell the normal of a point
@@ -202,7 +203,7 @@ def _best(level: list[_Fit], free: list[_Fit]) -> _Fit:
 
 def _could_show(prior: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Whether a prior (M, 3) lies in the direction of each point (N, 3), and none before it: [m] about the eye."""
-    far, near = (np.maximum(np.linalg.norm(cloud, axis=1, keepdims=True), 1e-6) for cloud in (prior, points))
+    far, near = (np.maximum(lengths(cloud)[:, None], 1e-6) for cloud in (prior, points))
     apart, place = cKDTree(prior / far).query(points / near, k=AROUND)
     reach = np.where(apart * far[place, 0] <= BESIDE, far[place, 0], np.inf).min(axis=1)
     return np.isfinite(reach) & (reach >= near[:, 0] - BEFORE)
@@ -258,7 +259,7 @@ def _on_one_plane(points: np.ndarray, normals: np.ndarray) -> float:
     """The largest share of points (N, 3), with normals (N, 3), that one upright plane holds, of some that are tried."""
     upright = np.flatnonzero(np.abs(normals[:, 2]) < UPRIGHT)
     tried = upright[:: max(1, len(upright) // TRIED)]
-    facing = normals[:, :2] / np.maximum(np.linalg.norm(normals[:, :2], axis=1, keepdims=True), 1e-9)
+    facing = normals[:, :2] / np.maximum(lengths(normals[:, :2])[:, None], 1e-9)
 
     def share(one: int) -> float:
         near = np.abs((points[:, :2] - points[one, :2]) @ facing[one]) < CUT

@@ -74,7 +74,7 @@ def contradicted(scene: TriangleScene, scan: PosedScan) -> float:
 def _unit(normal: np.ndarray) -> np.ndarray:
     """Normals (K, 3) float64 of length 1, or 0 of what has none."""
     normal = normal.astype(np.float64)
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    return normal / np.maximum(lengths(normal)[:, None], np.finfo(np.float64).tiny)
 
 
 def _amid(stand: cKDTree, places: np.ndarray, normal: np.ndarray) -> np.ndarray:

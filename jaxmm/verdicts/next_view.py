@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxmm.rays.evidence import LEAST_COSINE
 from jaxmm.rays.scan_rays import NEAREST, PosedScan, ScanRays
+from jaxmm.vectors import lengths
 from warp_scanner.buildings.positions import element_around, inside
 from warp_scanner.scenes.building import Building, element_bounds
 from warp_scanner.sensors.poses import rotation_of
@@ -71,7 +72,7 @@ def next_views(stage: Stage, elements: np.ndarray) -> list[View | None]:
     blocked, found = _cells(stage.obstacles), []
     for element, least, most in zip(elements, low, high, strict=True):
         beside = np.maximum(np.maximum(least - places, places - most), 0.0)
-        near = np.flatnonzero(np.linalg.norm(beside, axis=1) <= REACH)[:MOST_PLACES]
+        near = np.flatnonzero(lengths(beside) <= REACH)[:MOST_PLACES]
         found.append(_view_of(stage, int(element), (places[near], stand[near]), blocked))
     return found
 
@@ -90,7 +91,7 @@ def _free_places(stage: Stage, low: np.ndarray, high: np.ndarray) -> tuple[np.nd
         found.append(places[_outside_all(stage.building, places)])
     stand = np.repeat(np.arange(len(found)), [len(places) for places in found])
     places = np.concatenate(found)
-    apart = np.linalg.norm(places - np.array([one.position for one in stage.stands])[stand], axis=1)
+    apart = lengths(places - np.array([one.position for one in stage.stands])[stand])
     order = np.argsort(apart, kind="stable")
     return places[order], stand[order]
 
@@ -109,7 +110,7 @@ def _grid(stand: Stand, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 def _nearest(stands: tuple[Stand, ...], own: Stand, places: np.ndarray) -> np.ndarray:
     """(C,) which of the stands on one's own floor is nearest to each place, so that no place is looked from twice."""
     apart = [
-        np.linalg.norm(places[:, :2] - one.position[:2], axis=1)
+        lengths(places[:, :2] - one.position[:2])
         if abs(one.floor - own.floor) < LEVEL
         else np.full(len(places), np.inf)
         for one in stands
@@ -193,7 +194,7 @@ def _samples(stage: Stage, element: int) -> tuple[np.ndarray, np.ndarray]:
     corners = triangles.vertices[triangles.faces[triangles.element == element]].astype(np.float64)
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     normal = np.cross(b - a, c - a)
-    area = np.linalg.norm(normal, axis=1)
+    area = lengths(normal)
     rng = np.random.default_rng(element)
     which = rng.choice(len(area), SAMPLES, p=area / area.sum())
     u, v = rng.random((2, SAMPLES, 1))
