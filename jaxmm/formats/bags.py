@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxmm.formats.dates import from_unix
 from jaxmm.formats.raw_scans import GrowingPoints, RawScan, check_name, to_world
 from jaxmm.formats.ros_frames import FrameTree, RobotPose
 from jaxmm.formats.ros_messages import CLOUD, LIVOX, ODOMETRY, TRANSFORMS, Cloud, cloud_of, transforms_of
@@ -29,10 +30,14 @@ OPTICAL = ("_optical", "_optical_frame")  # ends of the names of such frames (RO
 
 
 class _Group:
-    """Messages of a sensor at rest: in the world where it has a pose, else in the frame of the first."""
+    """Messages of a sensor at rest: in the world where it has a pose, else in the frame of the first.
 
-    def __init__(self, cloud: Cloud, pose: RobotPose | None):
+    Its date is that of the first: its own, or when it was logged, where a clock began when the sensor was switched on.
+    """
+
+    def __init__(self, cloud: Cloud, pose: RobotPose | None, logged: float):
         self.frame, self.pose, self.messages, self.points = cloud.frame, pose, 0, GrowingPoints()
+        self.date = from_unix(cloud.time) or from_unix(logged)
         self.first: np.ndarray | None = cloud.points if pose is None else None  # whether others look like it
         self.take(cloud, pose)
 
@@ -55,8 +60,8 @@ class _Group:
         optical = self.frame.endswith(OPTICAL)
         frame = None if in_world and self.pose is None else "optical" if optical else "sensor"
         if self.pose is None:
-            return RawScan(self.points.points(), frame=frame)
-        return RawScan(self.points.points(), *self.pose, in_world=True, frame=frame)
+            return RawScan(self.points.points(), frame=frame, taken=self.date)
+        return RawScan(self.points.points(), *self.pose, in_world=True, frame=frame, taken=self.date)
 
 
 def is_bag(path: Path) -> bool:
@@ -172,7 +177,7 @@ def _groups(path: Path, reader: Any, chosen: list[Any], ros: int, tree: FrameTre
         if group is not None:
             group.first = None  # not needed any more, and large
             yield group
-        group = _Group(cloud, pose)
+        group = _Group(cloud, pose, logged * 1e-9)
     if group is not None:
         yield group
 

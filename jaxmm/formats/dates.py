@@ -45,6 +45,14 @@ def from_gps(seconds: float) -> str | None:
         return None
 
 
+def from_unix(seconds: float) -> str | None:
+    """The time that seconds since 1970 stand for; None where it cannot be meant, as by the clock of a simulator."""
+    try:
+        return _plausible(datetime.fromtimestamp(seconds, UTC))
+    except (OverflowError, ValueError, OSError):
+        return None
+
+
 def from_day(day: date | None) -> str | None:
     """A day of a file's header; None where there is none, or it cannot be meant."""
     return day.isoformat() if day is not None and day.year in PLAUSIBLE else None

@@ -259,3 +259,16 @@ def test_a_file_of_a_bag_is_read_without_its_folder(tmp_path):
 def test_packets_of_a_device_are_no_clouds(data_root):
     with pytest.raises(InputError, match=re.escape("/os_node0/lidar_packets (ouster_ros/msg/PacketMsg)")):
         read_scans(data_root / "real" / "ouster" / "512x10_raw.bag")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("stamp", "logged", "told"), [
+    (1_772_461_800.5, 1_772_500_000.0, "2026-03-02T14:30:00Z"),
+    (0.0, 1_772_461_800.0, "2026-03-02T14:30:00Z"),  # nobody set it
+    (51.2, 1_772_461_800.0, "2026-03-02T14:30:00Z"),  # since it was switched on
+    (51.2, 51.3, None),  # a simulator's clock
+])  # fmt: skip
+def test_the_date_of_a_scan_is_that_of_its_message(tmp_path, kind, stamp, logged, told):
+    cloud = Types(kind).cloud(stamp, "lidar", seen_from(poses(1)[0]))
+    (scan,) = read_scans(write_bag(tmp_path / "a", kind, [("/points", logged, cloud)]))
+    assert scan.taken == told
