@@ -31,6 +31,8 @@ PLAIN_FILES = (
 ADDED_COLOR, REMOVED_COLOR = (0, 114, 178), (213, 94, 0)  # blue and vermillion: told apart with every colour blindness
 UNEXPLAINED_COLOR = (86, 180, 233)  # sky-blue
 GREYS = {SUPPORT: 205, THROUGH: 160, UNSEEN: 115, BLOCKED: 70}  # of points that show no mismatch, by their evidence
+BEHIND_COLOR, ON_COLOR, BEFORE_COLOR = (140, 81, 10), (163, 170, 177), (1, 102, 94)  # as the page's: ColorBrewer's BrBG
+FAR_COLOR, COLORED_TO = (204, 121, 167), 0.1  # of points that are more [m] off the model than the colours tell apart
 POSITION = ("x [m]", "y [m]", "z [m]")
 MISMATCH_COLUMNS = (
     "number", "mismatch_type", "object_type", "shape", *(f"center_{name}" for name in POSITION),
@@ -205,16 +207,29 @@ def write_points(path: Path, detection: Detection) -> tuple[Path, ...]:
     """Write the robot's points with their signed distances to the model's surface; nothing where it has none.
 
     `scalar_distance` [m] is positive before the surface, as seen from where the point was measured, negative behind it;
-    `scalar_scan` counts the scans from 1. CloudCompare takes both for scalar fields.
+    `scalar_scan` counts the scans from 1. CloudCompare takes both for scalar fields. Colours tell the same to programs
+    that read no fields (see `distance_colors`).
     """
     distance, drawing = signed_distances(detection), detection.drawing
     if distance is None:
         return ()
     points = drawing.origin + drawing.robot.astype(np.float64)
-    fields = {
-        "scalar_distance": distance.astype(np.float32), "scalar_scan": (drawing.robot_scan + 1).astype(np.int32),
-    }  # fmt: skip
-    return write_ply(path, points, fields, ["metres, z up; distance to the model, before it positive"])
+    fields = dict(zip(("red", "green", "blue"), distance_colors(distance).T, strict=True)) | {
+        "scalar_distance": distance.astype(np.float32),
+        "scalar_scan": (drawing.robot_scan + 1).astype(np.int32),
+    }
+    return write_ply(path, points, fields, (
+        "metres, z up; distance to the model, before it positive",
+        f"grey: on the model, teal: {COLORED_TO} m before it, brown: {COLORED_TO} m behind it, pink: farther off",
+    ))  # fmt: skip
+
+
+def distance_colors(distance: np.ndarray) -> np.ndarray:
+    """(N, 3) uint8 of signed distances (N,) [m]: from ON_COLOR to one of the others at COLORED_TO, then FAR_COLOR."""
+    part = np.clip(distance / COLORED_TO, -1.0, 1.0)[:, None]
+    on, ends = np.array(ON_COLOR), np.where(part < 0.0, BEHIND_COLOR, BEFORE_COLOR)
+    mixed = on + (ends - on) * np.abs(part)
+    return np.where(np.abs(distance)[:, None] > COLORED_TO, FAR_COLOR, np.round(mixed)).astype(np.uint8)
 
 
 def as_csv(columns: Iterable[str], rows: Iterable[list]) -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from jaxmm.reports.plain_files import write_points
+from jaxmm.reports.plain_files import distance_colors, write_points
 from jaxmm.verdicts.mismatch_points import signed_distances
 from jaxmm.verdicts.results import Detection, Drawing, ScanRecord
 from tests.cases.box_building import building_of
@@ -48,6 +48,18 @@ def test_the_file_is_read_back_with_all_digits(tmp_path):
     expected = trimesh.proximity.closest_point(box, detection.drawing.robot)[1]
     np.testing.assert_allclose(np.abs(told), expected, atol=1e-5)
     assert set(data["scalar_scan"]) == {1, 2} and (told < 0).any() and (told > 0).any()
+    np.testing.assert_array_equal(np.stack([data[name] for name in ("red", "green", "blue")], 1), distance_colors(told))
+
+
+def test_colours_tell_before_from_behind_and_how_far():
+    grey, brown, teal, pink = (163, 170, 177), (140, 81, 10), (1, 102, 94), (204, 121, 167)
+    ends = distance_colors(np.array([0.0, -0.1, 0.1, -0.11, 4.0]))
+    np.testing.assert_array_equal(ends, [grey, brown, teal, pink, pink])
+    off = np.linspace(0.0, 0.1, 101)
+    for way in (-1.0, 1.0):  # evenly from one to the other
+        found = distance_colors(way * off).astype(float)
+        expected = np.add.outer(1.0 - off / 0.1, np.zeros(3)) * grey + np.outer(off / 0.1, teal if way > 0 else brown)
+        np.testing.assert_allclose(found, expected, atol=0.5)
 
 
 def test_without_a_surface_nothing_is_written(tmp_path):
