@@ -17,6 +17,7 @@ from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import ON, Distance, fit_of, thinned
 from jaxmm.inputs import InputError
 from jaxmm.rays.scan_rays import overtaken
+from jaxmm.vectors import lengths
 from jaxmm.verdicts.priors import MOST_BEHIND, Prior, distance_from
 
 LEAST = 0.2  # share of points that must lie on a prior read another way
@@ -206,7 +207,7 @@ def as_it_fits(
     seen, told = by_sight(scan.points, scan.position if scan.source == "file" else scan.stated)
     if seen is not None:
         return ways[seen], (f"{MEANINGS[seen]}: {told}; the prior does not tell",), ()
-    moved = np.linalg.norm(ways[1].thin - ways[0].thin, axis=1) * (unit or 1.0)
+    moved = lengths(ways[1].thin - ways[0].thin) * (unit or 1.0)
     if np.median(moved) < ON:
         return scan, (f"{MEANINGS[0]}; that in its file hardly moves them",), ()
     told = f"as they are {on[0]:.0%} of them lie on the prior, moved by the pose in its file {on[1]:.0%}"
