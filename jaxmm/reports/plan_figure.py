@@ -42,8 +42,11 @@ MOST_LEVELS, MOST_LISTED = 4, 14
 LEFT, PLAN_WIDTH, LEGEND_WIDTH, ROOM_FOR_LABELS = 0.75, 7.5, 4.2, 1.0  # [inch]
 MOST_SIGNS, LEGEND_LINE = 12, 0.2  # entries that explain the plan, and height of one [inch]
 NAME_SPANS = (-15.0, 0.0, 15.0)  # [pt] a name is wide: from its middle, places that it takes
-NAMES_AT = tuple((x, y) for y in (-22.0, 22.0, 0.0) for x in (0.0, 38.0, -38.0) if x or y)  # [pt] from a sensor
-CLEAR = 13.0  # [pt] between a name and a sensor or another name
+NAMES_AT = (  # [pt] from a sensor to the middle of its name, in turn
+    *((x, y) for y in (-22.0, 22.0, 0.0) for x in (0.0, 38.0, -38.0) if x or y),
+    *((x, y) for y in (-44.0, 44.0) for x in (0.0, 38.0, -38.0, 76.0, -76.0)),
+)
+CLEAR = 16.0  # [pt] between a name and a sensor or another name
 APART = 26.0  # [pt] between the middles of numbers, and from such places
 
 
@@ -205,21 +208,25 @@ def _draw_sensors(axes: Axes, detection: Detection, level: Level, base: np.ndarr
 def _name_sensors(axes: Axes, sensors: np.ndarray, numbers: list[int]) -> list[np.ndarray]:
     """Each scan's name by its sensor (S, 2), clear of other sensors and names where it can be; 3 S places (2,) [pt]."""
     marks = [_on_paper(axes, place) for place in sensors]
+    ways = [np.array([[x + part, y] for part in NAME_SPANS]) for x, y in NAMES_AT]
+    low, high = axes.bbox.get_points() * 72.0 / axes.figure.dpi
     taken: list[np.ndarray] = []
     for place, mark, number in zip(sensors, marks, numbers, strict=True):
-        ways = (np.array([[x + part, y] for part in NAME_SPANS]) for x, y in NAMES_AT)
-        free = (way for way in ways if _clear(mark + way, [*marks, *taken]))
-        way = next(free, np.array([[part, NAMES_AT[0][1]] for part in NAME_SPANS]))
+        within = [way for way in ways if (mark + way >= low).all() and (mark + way <= high).all()] or ways[:1]
+        apart = [_apart(mark + one, [*marks, *taken]) for one in within]
+        way = within[next((n for n, one in enumerate(apart) if one >= CLEAR), int(np.argmax(apart)))]
         look = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 8}
+        if way is not ways[0]:
+            look["arrowprops"] = {"arrowstyle": "-", "color": GREY, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 4}
         name = axes.annotate(f"scan {number}", place, way.mean(axis=0), **look)
         name.set_path_effects([withStroke(linewidth=4, foreground="white")])  # it may stand on a wall
         taken += list(mark + way)
     return taken
 
 
-def _clear(places: np.ndarray, taken: list[np.ndarray]) -> bool:
-    """Whether places (K, 2) [pt] of a name are clear of those that are taken, each (2,)."""
-    return all(np.linalg.norm(places - other, axis=1).min() >= CLEAR for other in taken)
+def _apart(places: np.ndarray, taken: list[np.ndarray]) -> float:
+    """How far [pt] places (K, 2) of a name are at least from those that are taken, each (2,)."""
+    return min(float(np.linalg.norm(places - other, axis=1).min()) for other in taken)
 
 
 def _reach(detection: Detection, scan: int) -> float:

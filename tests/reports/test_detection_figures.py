@@ -302,10 +302,11 @@ def test_numbers_in_the_plan_do_not_cover_each_other_nor_the_sensor(sparse):
         assert not any(box.overlaps(other) for other in boxes[number + 1 :])
 
 
-def test_names_of_scans_cover_no_other_name_and_no_sensor(sparse):
+@pytest.mark.parametrize("seed", range(4))
+def test_names_of_scans_cover_no_other_name_and_no_sensor(sparse, seed):
     """Of 11 stations some stand a stride apart."""
     x, y, *rest = sparse.scans[0].pose
-    strides = np.random.default_rng(3).uniform(-1.2, 1.2, (11, 2))
+    strides = np.random.default_rng(seed).uniform(-1.2, 1.2, (11, 2))
     scans = tuple(sparse.scans[0]._replace(pose=(x + right, y + ahead, *rest)) for right, ahead in strides.tolist())
     figure = draw_plan(sparse._replace(mismatches=(), scans=scans))
     figure.draw_without_rendering()
@@ -314,6 +315,7 @@ def test_names_of_scans_cover_no_other_name_and_no_sensor(sparse):
     assert len(names) == 11
     boxes = [Text.get_window_extent(text) for text in names]
     marks = [axes.transData.transform(text.xy) for text in names]
+    assert all(axes.bbox.contains(box.x0, box.y0) and axes.bbox.contains(box.x1, box.y1) for box in boxes)
     for number, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in boxes[number + 1 :])
         assert not any(box.contains(*mark) for mark in marks)
