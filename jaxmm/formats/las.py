@@ -32,10 +32,12 @@ def read_las(path: Path) -> list[RawScan]:
     import laspy
 
     _check_header(path)
+    # Of points in layers, as of LAS 1.4, colours, times and the like stay packed.
+    wanted = laspy.DecompressionSelection.base().decompress_z().decompress_classification().decompress_flags()
     with silent("laspy"):
         with laspy.open(path, read_evlrs=False) as file:
             backends = _backends(path, file.header)
-        with laspy.open(path, read_evlrs=False, laz_backend=backends) as file:
+        with laspy.open(path, read_evlrs=False, laz_backend=backends, decompression_selection=wanted) as file:
             return [_believed(path, file)]
 
 
