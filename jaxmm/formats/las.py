@@ -63,8 +63,9 @@ def _believed(path: Path, file: Any) -> RawScan:
     for chunk in file.chunk_iterator(BLOCK):
         found += len(chunk)
         stays = ~(np.asarray(chunk.withheld, bool) | np.isin(np.asarray(chunk.classification), noise))
-        block = np.column_stack([np.asarray(getattr(chunk, axis), np.float64)[stays] for axis in "xyz"])
-        points[kept : kept + len(block)] = block
+        block = points[kept : kept + int(stays.sum())]
+        for axis, name in enumerate("xyz"):
+            block[:, axis] = np.asarray(getattr(chunk, name), np.float64)[stays]
         kept += len(block)
     if found < count:
         raise InputError(f"{path}: truncated: expected {count} points as its header promises, found {found}")

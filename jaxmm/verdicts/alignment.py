@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from jaxmm.formats.cloud_frames import Y_UP_TO_Z_UP, is_before
 from jaxmm.formats.poses import OPTICAL
-from jaxmm.formats.raw_scans import BLOCK
+from jaxmm.formats.raw_scans import IN_CACHE
 from jaxmm.formats.units import LEAST_OVERLAP, NEAR, ON, TALLEST, UNITS, Distance, fit_of, height, thinned
 from jaxmm.inputs import Misfit
 from jaxmm.verdicts.placement import FAR_SHIFT
@@ -60,8 +60,8 @@ class LaidScan(NamedTuple):
     def offsets(self, origin: np.ndarray) -> np.ndarray:
         """(N, 3) float32 [m] from an origin (3,) in the world, block by block: of a large scan no copies are held."""
         found = np.zeros(self.own.shape, np.float32)
-        for start in range(0, len(found), BLOCK):
-            block = slice(start, start + BLOCK)
+        for start in range(0, len(found), IN_CACHE):
+            block = slice(start, start + IN_CACHE)
             found[block] = self.way(self.own[block]) - origin
         return found
 
