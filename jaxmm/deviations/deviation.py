@@ -15,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.deviations.curved_fits import fits_of_curved
-from jaxmm.deviations.element_motion import NORMAL, Motion, Seen, motion_of, telling
-from jaxmm.deviations.fits import CELL, CUT, UNKNOWN_SLOPE, Fit, cells_of, fit_of
+from jaxmm.deviations.element_motion import Motion, Seen, motion_of, telling
+from jaxmm.deviations.fits import CUT, Fit, cells_of, fit_of
 from jaxmm.deviations.heights import Heights, heights_of
 from jaxmm.deviations.meetings import STEEP, Meetings, groups_of, meetings_of
 from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors
+from jaxmm.deviations.seen_surfaces import ends_of, surface_of
 from jaxmm.deviations.shifted_columns import Shift, columns_of
 from jaxmm.deviations.tolerances import Slope, din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
@@ -29,6 +30,7 @@ from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare_par
 
 AXIS = np.radians(3.0)  # between a direction and what faces fix, up to which they do, or do not
 ROUND = 4  # ways that faces of a slender body look, that one place shows: no box has so many
+SURE = 0.02  # [m] by which an offset may be wrong, for scans to be judged by it, and not by what their poses have
 ANOTHER, ASKED = 0.015, 200  # [m] off its place, from which a face may be another's; and rays that are asked
 NO_RAYS, NO_CELL = np.zeros(0), np.zeros(0, np.int64)
 Interval = tuple[float, float]
@@ -53,7 +55,10 @@ class Deviation(NamedTuple):
     stands: float = 1.0  # share of the rays that could reach it, that end on it
     scans: tuple[int, ...] = ()  # numbers of those that show it
     worst: float = 0.0  # [m] where it is turned or leans, its ends are off by more than this less `half`
-    step: tuple[float, float, float] = (0.0, 0.0, 0.0)  # offset as its pose has it, though that may be off
+    # Offset that scans are judged by, and [m] by which it may be wrong: where it is open what moved, it is as the pose
+    # has it, though that may be off.
+    step: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    step_half: float = 0.0
     long: float = 1.0  # [m] its length
     slopes: tuple[Slope, ...] = ()  # by its turn and its lean, of what faces fix
     before: bool = False  # it may be the front of what stands before it that was measured
@@ -87,12 +92,12 @@ def shifted(one: Deviation, shift: Shift) -> Deviation:
         distance=distance, direction=_plain(way), half=half, coverage=0.0,
         classes={"loa": loa_of(distance + one.flatness), "din18202": din_of(distance, half, one.long, one.slopes)},
         # Its ends are off by what it is turned or leans, whatever its middle is off there.
-        worst=distance + max(0.0, one.worst - one.half - abs(one.distance)), step=_plain(offset),
+        worst=distance + max(0.0, one.worst - one.half - abs(one.distance)), step=_plain(offset), step_half=half,
     )  # fmt: skip
 
 
 # Fields that are not in report.json.
-PRIVATE = ("turned", "half", "stands", "scans", "worst", "step", "long", "slopes", "before")
+PRIVATE = ("turned", "half", "stands", "scans", "worst", "step", "step_half", "long", "slopes", "before")
 
 
 def is_told(one: Deviation) -> bool:
@@ -156,8 +161,7 @@ def faces_of(
     met = meetings_of(scene, rays, own, clear)
     found = fits_of(scene, met, columns_of(scene))
     poses = pose_errors([fit for _, fit in found], rays.position, trust)
-    seen = [seen_of(group, fit, poses[0], rays.position) for group, fit in found]
-    return Faces(rays.position, poses, seen, heights_of(scene.triangles, met))
+    return Faces(rays.position, poses, seen_of_each(found, poses[0], rays.position), heights_of(scene.triangles, met))
 
 
 def deviations_by(scene: TriangleScene, shown: list[Faces], tolerance: np.ndarray) -> dict[int, Deviation]:
@@ -183,8 +187,16 @@ def by_element(shown: list[Faces]) -> dict[int, list[Seen]]:
     return faces
 
 
-def seen_of(group: Meetings, fit: Fit, pose: PoseError, sensor: np.ndarray) -> Seen:
-    """A fitted face, its rays summed up."""
+def seen_of_each(found: list[tuple[Meetings, Fit]], pose: PoseError, sensor: np.ndarray) -> list[Seen]:
+    """Fitted faces of one scan, their rays summed up; each where the faces of all other elements have the pose."""
+    own: dict[int, list[Fit]] = {}
+    for group, fit in found:
+        own.setdefault(int(group.element[0]), []).append(fit)
+    by = {element: pose.without(fits, sensor)[0] for element, fits in own.items()}
+    return [_seen_of(group, fit, by[int(group.element[0])], sensor) for group, fit in found]
+
+
+def _seen_of(group: Meetings, fit: Fit, correction: np.ndarray, sensor: np.ndarray) -> Seen:
     element, way, bare = int(group.element[0]), int(group.group[0]), fit._replace(on=NO_RAYS, left=NO_RAYS)
     if not fit.first:
         return Seen(element, way, bare, fit.rays, np.zeros(3), NO_CELL, NO_RAYS, *np.zeros((2, 2, 0)))
@@ -192,7 +204,7 @@ def seen_of(group: Meetings, fit: Fit, pose: PoseError, sensor: np.ndarray) -> S
     cell, number, count = np.unique(cells_of(ends @ fit.axes.T), return_inverse=True, return_counts=True)
     offs = []
     left = np.bincount(number, fit.left[on]) / count
-    for step in (pose.correction, np.zeros(6)):
+    for step in (correction, np.zeros(6)):
         moved = step[:3] + np.cross(step[3:], ends - sensor)
         off = group.off[on] + np.einsum("kc,kc->k", moved, normal)
         offs.append(np.bincount(number, off) / count)
@@ -259,11 +271,13 @@ def deviation_of(seen: list[Seen], shown: list[Faces], body: Body, tolerance: fl
     judged = motion if told else motion_of(seen, [[EXACTLY] for _ in poses], sensors, middle)
     step = judged.keep @ judged.step[:3]
     direction = _direction(seen, judged, step)
-    spans = [judged.span(way) for way in (*np.eye(3), direction)]
+    *halves, half = (judged.half(way) for way in (*np.eye(3), direction))
+    is_sure = not told or half <= SURE
+    there = judged if is_sure else motion_of(seen, [[EXACTLY] for _ in poses], sensors, middle)
     opened = [not told or np.linalg.norm(judged.keep @ way) < np.sin(AXIS) for way in np.eye(3)]
-    flatness, worst, covered = _surface(seen, 0 if told else 1, tolerance)
+    spans = zip(step - halves, step + halves, strict=True)
+    flatness, worst, covered = surface_of(seen, 0 if told else 1, tolerance)
     distance = float(step @ direction)
-    half = max(spans[3][1] - distance, distance - spans[3][0])
     on = sum(one.rays for one in seen)
     could = on + sum(one.fit.through for one in seen if one.fit.first)
     turn, lean = judged.angles
@@ -273,10 +287,11 @@ def deviation_of(seen: list[Seen], shown: list[Faces], body: Body, tolerance: fl
     offset, distance = (step, distance) if told else (np.zeros(3), 0.0)
     return Deviation(
         _plain(offset),
-        tuple(None if no else (float(a), float(b)) for no, (a, b) in zip(opened, spans[:3], strict=True)),
+        tuple(None if no else (float(a), float(b)) for no, (a, b) in zip(opened, spans, strict=True)),
         distance, _plain(direction), turn, lean, flatness, float(min(1.0, covered / max(body.area, 1e-9))), on, classes,
         _plain(judged.turned), half, float(on / max(could, 1)), tuple(sorted({one.scan for one in seen})),
-        _ends(seen, 0 if told else 1, half), _plain(step), long, slopes, any(one.fit.before for one in seen),
+        ends_of(seen, 0 if told else 1, half), _plain(there.keep @ there.step[:3]), there.half(direction), long, slopes,
+        any(one.fit.before for one in seen),
     )  # fmt: skip
 
 
@@ -295,8 +310,7 @@ def _direction(seen: list[Seen], motion: Motion, step: np.ndarray) -> np.ndarray
         ways = [gone / np.linalg.norm(gone)] if np.any(gone) else []
 
     def surely(way: np.ndarray) -> float:
-        low, high = motion.span(way)
-        return max(0.0, low, -high)
+        return max(0.0, abs(float(way @ motion.keep @ motion.step[:3])) - motion.half(way))
 
     best = max([usual, *ways], key=surely)  # of equals the first
     return best if surely(best) > 0.0 else usual
@@ -309,39 +323,6 @@ def _sizes(body: Body, seen: list[Seen]) -> tuple[float, float]:
     long = float(max(np.ptp(body.corners[:, :2] @ level), np.ptp(body.corners[:, :2] @ across)))
     high = float(body.high[2] - body.low[2])
     return long, high if all(abs(one.fit.normal[2]) < STEEP for one in seen) else long
-
-
-def _surface(seen: list[Seen], pose: int, tolerance: float) -> tuple[float, float, float]:
-    """Flatness [m]; 95 % of its places are so near to the model [m]; area [m2] seen that is within the tolerance.
-
-    `pose` is 0 with the likeliest of each scan, 1 with those that they have.
-    """
-    faces = [one for one in seen if one.fit.first]
-    cells = []
-    for one in faces:
-        within = one.off[pose] <= tolerance
-        cells.append(np.column_stack([np.full(within.sum(), one.group), one.cell[within]]))
-    covered = len(np.unique(np.concatenate(cells), axis=0)) * CELL**2
-    apart, offs = [one.apart for one in faces], [one.off[pose] for one in faces]
-    # Values that were measured: what lies between two of them, of few, holds less than the share.
-    flatness, worst = (
-        float(np.quantile(np.concatenate(all_of), 0.95, method="inverted_cdf")) for all_of in (apart, offs)
-    )
-    return flatness, worst, covered
-
-
-def _ends(seen: list[Seen], pose: int, half: float) -> float:
-    """`worst`: what a twentieth of some face is surely off, and `half`; 0 [m] where none surely is.
-
-    Of faces as they were fitted, for ranges that err displace nothing. The errors of slopes add to those of the middle.
-    """
-    least = 0.0
-    for one in (one for one in seen if one.fit.first):
-        known = np.diag(one.fit.variance) < (UNKNOWN_SLOPE / 2.0) ** 2
-        ends = np.where(known, [1.0, *(2.0 * one.fit.extent)], 0.0)
-        error = np.hypot(half, NORMAL * float(np.sqrt(ends @ np.abs(one.fit.variance) @ ends)))
-        least = max(least, float(np.percentile(one.face[pose], 95.0)) - error)
-    return least + half if least > 0.0 else 0.0
 
 
 def _plain(vector: np.ndarray) -> tuple[float, float, float]:

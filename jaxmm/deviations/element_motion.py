@@ -7,6 +7,7 @@ element's middle and a rotation vector [rad] about it (6,).
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
 from jaxmm.deviations.fits import Fit
 from jaxmm.deviations.pose_errors import PoseError, rows_of, scatter
@@ -16,6 +17,8 @@ FREE = (1.0, 1.0, 1.0, 0.03, 0.03, 0.1)  # [m, rad] standard deviations of an el
 FIXED = 0.05  # [m] of a direction of the shift, up to which faces fix it
 FIXED_TURN = np.radians(0.5)  # of a turn
 NORMAL = 1.96  # standard deviations to either side hold 95 %
+WITHIN = 0.95  # share of what may be that an interval holds
+MOST_OPEN, BISECTED = 64, 40  # poses of all scans together that are weighed, and steps to where an interval ends
 FIXED_BY = 3  # faces that fix a wall: where it stands, how it is turned, and how it leans
 LEAST_BENT = np.radians(1.0)  # that one face of an element is turned otherwise than another, to be none of it
 AT_ODDS = 4.0  # standard deviations, from which on a face contradicts what all faces together say
@@ -36,12 +39,19 @@ class Seen(NamedTuple):
     scan: int = 0  # number of the scan
 
 
+class Swing(NamedTuple):
+    """What a motion may as well be by the other poses of one scan."""
+
+    share: np.ndarray  # (A,) how likely each pose is, the likeliest first
+    step: np.ndarray  # (A, 6) how much else the motion is by it; the first is zero
+
+
 class Motion(NamedTuple):
     """A motion with all that it may as well be."""
 
     step: np.ndarray  # (6,)
     covariance: np.ndarray  # (6, 6)
-    swings: tuple[np.ndarray, ...]  # of each scan (A, 6): how much else it would be by A other poses of that scan
+    swings: tuple["Swing", ...]  # of each scan
     answers: tuple[np.ndarray, ...]  # (6,) what else it may be: by each scan, or without what may be a cupboard
 
     @property
@@ -68,29 +78,37 @@ class Motion(NamedTuple):
 
     def slopes(self, long: float, high: float) -> tuple[Slope, ...]:
         """What its turn puts its ends off over its length [m], and its lean its head over its height [m]; if fixed."""
-        spread, swings = self.covariance[3:, 3:], [one[:, 3:] for one in self.swings if len(one)]
-        errors = np.sqrt(spread[2, 2]), np.sqrt(max(np.linalg.eigvalsh(spread[:2, :2])[0], 0.0))
-        open_by = (
-            sum(float(np.abs(one[:, 2]).max()) for one in swings),
-            sum(float(np.linalg.norm(one[:, :2], axis=1).max()) for one in swings),
-        )
+        ways = np.zeros((2, 6))
+        ways[0, 5], ways[1, 3:5] = 1.0, np.linalg.eigh(self.covariance[3:5, 3:5])[1][:, 0]
         return tuple(
-            Slope(length * abs(float(np.tan(np.radians(angle)))), length * float(NORMAL * error + other), length)
-            for angle, error, other, length in zip(self.angles, errors, open_by, (long, high), strict=True)
+            Slope(length * abs(float(np.tan(np.radians(angle)))), length * self._half(way), length)
+            for angle, way, length in zip(self.angles, ways, (long, high), strict=True)
             if angle is not None
         )
 
-    def span(self, way: np.ndarray) -> tuple[float, float]:
-        """The 95 % interval of the fixed part of the shift along a way (3,), by all that explains what was seen."""
-        along = self.keep @ way
-        middle = float(along @ self.step[:3])
-        half = NORMAL * float(np.sqrt(max(along @ self.covariance[:3, :3] @ along, 0.0)))
-        # Scans may be off each by itself, so what each leaves open adds up.
-        swings = [one[:, :3] @ along for one in self.swings if len(one)]
-        low = middle + sum(min(0.0, float(one.min())) for one in swings)
-        high = middle + sum(max(0.0, float(one.max())) for one in swings)
-        others = [float(along @ one[:3]) for one in self.answers]
-        return min([low, *others]) - half, max([high, *others]) + half
+    def half(self, way: np.ndarray) -> float:
+        """[m] by which the fixed part of the shift along a way (3,) may be more or less: so much to either side."""
+        along = np.array([*(self.keep @ way), 0.0, 0.0, 0.0])
+        return self._half(along) + max((abs(float(along @ (one - self.step))) for one in self.answers), default=0.0)
+
+    def _half(self, along: np.ndarray) -> float:
+        """Within how much of it 95 % of what may be lies, along a way (6,): a mixture of normals, by all poses."""
+        sigma = float(np.sqrt(max(along @ self.covariance @ along, 0.0)))
+        share, place = np.ones(1), np.zeros(1)
+        for one in self.swings:  # scans are off each by itself
+            share = np.outer(share, one.share).ravel()
+            place = np.add.outer(place, one.step @ along).ravel()
+            if len(share) > MOST_OPEN:
+                kept = np.argsort(-share)[:MOST_OPEN]
+                share, place = share[kept] / share[kept].sum(), place[kept]
+        low, high = NORMAL * sigma, NORMAL * sigma + float(np.abs(place).max())
+        if len(share) == 1 or sigma == 0.0:
+            return high
+        for _ in range(BISECTED):
+            half = (low + high) / 2.0
+            inside = float(share @ (ndtr((half - place) / sigma) - ndtr((-half - place) / sigma)))
+            low, high = (half, high) if inside < WITHIN else (low, half)
+        return high
 
 
 def telling(
@@ -121,10 +139,11 @@ def _rigid(
     main = max(own, key=lambda one: one.rays)
     step, spread, _ = _solved([main], poses, sensors, middle)
     pose, sensor = poses[scan][0], sensors[scan]
+    correction = _without([main], scan, poses, sensors)[0][0]
 
     def turns_alike(one: Seen) -> bool:
         (off, arms), rows = rows_of(one.fit, sensor), rows_of(one.fit, middle)[1]
-        left = (off + arms @ pose.correction - rows @ step)[1:]
+        left = (off + arms @ correction - rows @ step)[1:]
         turned = np.einsum("ij,jk,ik->i", rows[1:, 3:], spread[3:, 3:], rows[1:, 3:])
         sigma = np.sqrt(np.square(scatter(one.fit, pose.place, pose.tilt)[1:]) + turned)
         return bool(np.all(np.abs(left) <= np.maximum(AT_ODDS * sigma, LEAST_BENT)))
@@ -143,10 +162,7 @@ def motion_of(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.n
     """
     scans = sorted({one.scan for one in seen})
     best, spread, gains = _solved(seen, poses, sensors, middle)
-    swings = tuple(
-        np.array([gains[scan] @ (other.correction - poses[scan][0].correction) for other in poses[scan][1:]])
-        for scan in scans
-    )
+    swings = tuple(_swing(seen, scan, poses, sensors, gains[scan]) for scan in scans)
     answers: tuple[np.ndarray, ...] = ()
     left, sigma = left_of(seen, best, poses, sensors, middle)
     if len({one.element for one in seen}) > 1:
@@ -160,6 +176,13 @@ def motion_of(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.n
     return Motion(best, spread, swings, answers)
 
 
+def _swing(
+    seen: list[Seen], scan: int, poses: list[list[PoseError]], sensors: list[np.ndarray], gain: np.ndarray
+) -> Swing:
+    places = np.stack([place for place, _ in _without(seen, scan, poses, sensors)])
+    return Swing(np.array([one.share for one in poses[scan]]), (places - places[0]) @ gain.T)
+
+
 def _solved(
     seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, dict[int, np.ndarray]]:
@@ -167,8 +190,10 @@ def _solved(
     told, right = np.diag(1.0 / np.square(FREE)), np.zeros(6)
     scans = sorted({one.scan for one in seen})
     arms_of: dict[int, np.ndarray] = {}
+    loose: dict[int, np.ndarray] = {}
     for scan in scans:
         pose, sensor, how = poses[scan][0], sensors[scan], np.zeros((6, 6))
+        correction, loose[scan] = _without(seen, scan, poses, sensors)[0]
         for fit in (one.fit for one in seen if one.scan == scan):
             off, arms = rows_of(fit, sensor)
             # A body that moves by a step moves its face as far toward the sensor.
@@ -178,14 +203,14 @@ def _solved(
             sigma = scatter(fit, pose.place * root, pose.tilt * root)
             scaled = rows / sigma[:, None]
             told += scaled.T @ scaled
-            right += scaled.T @ ((off + arms @ pose.correction) / sigma)
+            right += scaled.T @ ((off + arms @ correction) / sigma)
             how += scaled.T @ (arms / sigma[:, None])
         arms_of[scan] = how
     own = np.linalg.inv(told)
     gains = {scan: own @ how for scan, how in arms_of.items()}
     spread = own.copy()
     for scan, gain in gains.items():
-        spread += gain @ _without(seen, scan, poses, sensors) @ gain.T
+        spread += gain @ loose[scan] @ gain.T
     return own @ right, spread, gains
 
 
@@ -193,17 +218,34 @@ def left_of(
     seen: list[Seen], step: np.ndarray, poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What faces (F,) are off where a motion (6,) has them [m], and the standard deviation of that [m]."""
-    loose = {scan: _without(seen, scan, poses, sensors) for scan in {one.scan for one in seen}}
+    loose = {scan: _without(seen, scan, poses, sensors)[0] for scan in {one.scan for one in seen}}
     left, sigma = np.zeros((2, len(seen)))
     for number, one in enumerate(seen):
-        pose = poses[one.scan][0]
+        pose, (correction, spread) = poses[one.scan][0], loose[one.scan]
         off, arms = rows_of(one.fit, sensors[one.scan])
-        left[number] = (off + arms @ pose.correction - rows_of(one.fit, middle)[1] @ step)[0]
-        variance = scatter(one.fit, pose.place, pose.tilt)[0] ** 2 + arms[0] @ loose[one.scan] @ arms[0]
+        left[number] = (off + arms @ correction - rows_of(one.fit, middle)[1] @ step)[0]
+        variance = scatter(one.fit, pose.place, pose.tilt)[0] ** 2 + arms[0] @ spread @ arms[0]
         sigma[number] = np.sqrt(variance)
     return left, sigma
 
 
-def _without(seen: list[Seen], scan: int, poses: list[list[PoseError]], sensors: list[np.ndarray]) -> np.ndarray:
-    """Covariance (6, 6) of a scan's pose by all faces but those that are seen of the element."""
-    return poses[scan][0].without([one.fit for one in seen if one.scan == scan], sensors[scan])
+def _without(
+    seen: list[Seen], scan: int, poses: list[list[PoseError]], sensors: list[np.ndarray]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """By each pose that a scan may have, its correction (6,) and covariance (6, 6) by all faces but an element's own.
+
+    Of two walls of which one moved, each pose has one in its place, and no witness of that one but itself: it is
+    believed where the other pose tells what it is if not.
+    """
+    own, sensor = [one.fit for one in seen if one.scan == scan], sensors[scan]
+    found = [one.without(own, sensor) for one in poses[scan]]
+    if len(found) == 1:
+        return found
+    arms = np.stack([rows_of(fit, sensor)[1][0] for fit in own])
+    is_open = [np.einsum("fi,ij,fj->f", arms, spread, arms).max() > FIXED**2 for _, spread in found]
+    if not any(is_open) or all(is_open):
+        return found
+    return [
+        one.without([], sensor) if leaves_open else known
+        for one, known, leaves_open in zip(poses[scan], found, is_open, strict=True)
+    ]

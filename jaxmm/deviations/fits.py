@@ -75,16 +75,17 @@ def fit_of(group: Meetings, foot: float, head: float) -> Fit | None:
     axes = axes_of(normal)
     place = group.end @ axes.T
     # A cabinet before a wall hides it, and tells nothing against it.
-    cell = _cells_met(group, axes)
+    met, drift = _met(group, axes)
+    cell = np.unique(cells_of(met), return_inverse=True)[1]
     reaches = group.off < IN_PLACE
     near = _patches(np.abs(group.off) < IN_PLACE, ~reaches, cell)
     if near.sum() >= max(LEAST_RAYS, STANDS * reaches.sum()) and _is_wide(place[near]):
-        return _fitted(group, place, (normal, axes), near)
+        return _fitted(group, (met, drift), (normal, axes), near)
     high = min(head - BELOW, foot + CUPBOARD)
     start = _plane_behind(group, place, cell, high)
     if start is None:
         return None
-    found = _fitted(group, place, (normal, axes), start)
+    found = _fitted(group, (met, drift), (normal, axes), start)
     if found is None or abs(normal[2]) > STEEP or found.level < FRONT:
         return found
     return found._replace(before=bool(group.end[found.on, 2].max() < high))
@@ -104,12 +105,16 @@ def axes_of(normal: np.ndarray) -> np.ndarray:
     return np.stack([level, np.cross(normal, level)])
 
 
-def _cells_met(group: Meetings, axes: np.ndarray) -> np.ndarray:
-    """(K,) int the cell of the model's face that each ray should meet."""
+def _met(group: Meetings, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places (K, 2) [m] along the model's face where rays should meet it, and how they change (K, 2) with `off`.
+
+    A range that errs moves the end along the face, too, where the ray is not square to it: so places are told by rays,
+    and not by where they ended, or noise would turn every face that is seen at a slant.
+    """
     way = (group.end - group.sensor) / group.reach[:, None]
     cosine = -np.einsum("kc,kc->k", group.normal, way)
-    met = group.end + way * (group.off / cosine)[:, None]
-    return np.unique(cells_of(met @ axes.T), return_inverse=True)[1]
+    drift = (way @ axes.T) / cosine[:, None]
+    return group.end @ axes.T + drift * group.off[:, None], drift
 
 
 def _patches(chosen: np.ndarray, before: np.ndarray, cell: np.ndarray) -> np.ndarray:
@@ -168,12 +173,14 @@ def _plane_of_most(group: Meetings, place: np.ndarray, high: float) -> np.ndarra
     return np.abs(off) < max(CUT * 1.4826 * float(np.median(np.abs(off[on]))), 2.0 * LEAST_SIGMA)
 
 
-def _fitted(group: Meetings, place: np.ndarray, frame: tuple[np.ndarray, np.ndarray], start: np.ndarray) -> Fit | None:
+def _fitted(
+    group: Meetings, met: tuple[np.ndarray, np.ndarray], frame: tuple[np.ndarray, np.ndarray], start: np.ndarray
+) -> Fit | None:
     """Least squares about the rays of a start (K,) bool: settled ranges tell which end on it, measured ones where."""
     normal, axes = frame
     on = start
     for _ in range(ROUNDS):
-        middle, found, left, sigma = _least_squares(group.off, place, on)
+        place, found, left, sigma = _least_squares(group.off, met, on)
         width = min(max(CUT * sigma, 2.0 * LEAST_SIGMA), IN_PLACE)
         new = np.abs(left) < width
         if new.sum() < LEAST_RAYS or not _is_wide(place[new]) or np.abs(found[1:]).max() > MOST_SLOPE:
@@ -182,58 +189,71 @@ def _fitted(group: Meetings, place: np.ndarray, frame: tuple[np.ndarray, np.ndar
             break
         on = new
     measured = group.as_measured()
-    middle, found, apart, sigma = _least_squares(measured.off, measured.end @ axes.T, on)
+    place, found, apart, sigma = _least_squares(measured.off, met, on)
     if abs(normal[2]) > STEEP and found[0] > IN_PLACE:
         return None  # a screed, or a ceiling that hangs below a slab, hides where the slab is
-    left = group.off - found[0] - (place - middle) @ found[1:]
     variance = _variance(place[on], apart[on], sigma)
     if np.max(np.arccos(np.clip(group.normal @ normal, -1.0, 1.0))) > BENT:
         variance = np.diag([variance[0, 0], *np.full(2, UNKNOWN_SLOPE**2)])
     behind = int(np.sum(left < -max(width, IN_PLACE)))
+    middle, face = place[on].mean(axis=0), float(np.median((group.end[on] @ normal) - group.off[on]))
+    left = group.off - found[0] - (place - middle) @ found[1:]
     return Fit(
-        measured.end[on].mean(axis=0), normal, axes, float(found[0]), found[1:], variance, sigma,
+        middle @ axes + (face + found[0]) * normal, normal, axes, float(found[0]), found[1:], variance, sigma,
         place[on].std(axis=0), on, left, behind * group.every, group.every,
     )  # fmt: skip
 
 
 def _least_squares(
-    off: np.ndarray, place: np.ndarray, on: np.ndarray
+    off: np.ndarray, met: tuple[np.ndarray, np.ndarray], on: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Middle (2,), level and slopes (3,), what is left (K,) of all rays, and sigma of those of a mask (K,) that tell.
+    """Of a plane by rays of a mask (K,): places (K, 2) on it, level and slopes (3,), what is left (K,), and sigma.
 
-    At edges ranges are mixed with what is before or behind: many of them lie a little off, all to one side. So rays
-    have the less weight, the farther off they lie (biweight: Beaton and Tukey 1974).
+    Slopes are about the mean of the places of the mask. At edges ranges are mixed with what is before or behind: many
+    of them lie a little off, all to one side. So rays have the less weight, the farther off they lie (biweight: Beaton
+    and Tukey 1974).
     """
-    middle, weight, last = place[on].mean(axis=0), np.ones(on.sum()), np.full(3, np.inf)
-    rows = np.column_stack([np.ones(len(place)), place - middle])
-    tell, offs = rows[on], off[on]
+    weight, last, offs = np.ones(on.sum()), np.full(3, np.inf), off[on]
+    (places, drift), fitted = (one[on] for one in met), np.median(offs)
     for _ in range(ROUNDS):
+        there = places - drift * np.reshape(fitted, (-1, 1))
+        middle = there.mean(axis=0)
+        tell = np.column_stack([np.ones(len(there)), there - middle])
         weighted = (tell * weight[:, None]).T
         # Of the normal equations, which are three: of all rays it takes ten times as long.
         found = np.linalg.lstsq(weighted @ tell, weighted @ offs, rcond=None)[0]
-        apart = np.abs(offs - tell @ found)
+        fitted = tell @ found
+        apart = np.abs(offs - fitted)
         sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(apart)))
         if np.abs(found - last).max() < SETTLED:
             break
         weight, last = np.square(1.0 - np.square(np.minimum(apart / (CUT * sigma), 1.0))), found
-    return middle, found, off - rows @ found, sigma
+    places, drift = met
+    # Where each ray meets the plane: off = level + slope . (place - drift * off - middle).
+    plane = found[0] + (places - middle) @ found[1:]
+    fitted = plane / (1.0 + drift @ found[1:])
+    return places - drift * fitted[:, None], found, off - fitted, sigma
 
 
 def _variance(place: np.ndarray, left: np.ndarray, sigma: float) -> np.ndarray:
     """(3, 3) of level and slopes of rays that end at places (n, 2) [m], so far (n,) [m] off the plane.
 
-    Neighbours err alike, and no face is flat: a cell counts as one, and errs as the means of cells do.
+    Neighbours err alike, and no face is flat: what a cell has in common errs as its mean does, whatever other cells do
+    (as Liang and Zeger 1986, "Longitudinal data analysis using generalized linear models", Biometrika 73(1), 13).
     """
     number, count = np.unique(cells_of(place), return_inverse=True, return_counts=True)[1:]
-    worth = max(4.0, min(float(len(count)), float(len(place))))
-    if len(count) >= ENOUGH_CELLS:
-        means = np.bincount(number, np.clip(left, -CUT * sigma, CUT * sigma)) / count
-        left_over = np.sqrt(len(count) / (len(count) - 3.0))  # the plane was fitted to them: they lie too near to it
-        sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(means))) * left_over)
     rows = np.column_stack([np.ones(len(place)), place - place.mean(axis=0)])
-    told = rows.T @ rows * (worth / len(place))
-    scale = np.diag([0.0, *(1.0 / np.square(np.full(2, MOST_SLOPE)))]) * sigma**2
-    return np.linalg.inv(told + scale) * sigma**2
+    told = rows.T @ rows
+    if len(count) >= ENOUGH_CELLS:
+        clipped = np.clip(left, -CUT * sigma, CUT * sigma)[:, None] * rows
+        sums = np.stack([np.bincount(number, one) for one in clipped.T], axis=1)
+        # The plane was fitted to them: they lie too near to it.
+        spread = sums.T @ sums * (len(count) / (len(count) - 3.0))
+    else:
+        spread = told * (sigma**2 * len(place) / max(4.0, min(float(len(count)), float(len(place)))))
+    least = np.diag([LEAST_SIGMA**2 * len(place), 0.0, 0.0])
+    known = np.linalg.inv(told)
+    return known @ (spread + least) @ known
 
 
 def count_cells(places: np.ndarray) -> int:

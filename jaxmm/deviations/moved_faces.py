@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxmm.deviations.deviation import Faces, fits_of, seen_of
+from jaxmm.deviations.deviation import Faces, fits_of, seen_of_each
 from jaxmm.deviations.heights import heights_of
 from jaxmm.deviations.meetings import meetings_of
 from jaxmm.deviations.pose_errors import PoseError
@@ -31,5 +31,6 @@ def faces_of_moved(
     """
     met = meetings_of(scene, rays, own, clear)
     found = fits_of(scene, met.of(np.isin(met.element, rows)), columns_of(scene))
-    seen = [seen_of(group, fit, poses[0], rays.position) for group, fit in found]
-    return Faces(rays.position, poses, seen, heights_of(scene.triangles, met))
+    # No such face had a vote: what stands beside its place has none there.
+    poses = [one._replace(voted=False) for one in poses]
+    return Faces(rays.position, poses, seen_of_each(found, poses[0], rays.position), heights_of(scene.triangles, met))

@@ -6,8 +6,9 @@ sensor, which moves the points of the scan.
 Most of what is built stands where it is drawn, and something stands anywhere: the faces vote for a pose with weights
 that fall with how far off they then are (Cauchy), so one wall that moved does not drag the rest, and drift is not laid
 at the elements' door (as Bassier, Vincke, De Winter and Vergauwen 2020, "Drift invariant metric quality control of
-construction sites using BIM and point cloud data", ISPRS Int. J. Geo-Inf. 9(9), 545). Where two poses explain as much,
-as between two walls of which one moved, both stay, and intervals hold both.
+construction sites using BIM and point cloud data", ISPRS Int. J. Geo-Inf. 9(9), 545). From there each counts by how
+likely it stands in its place: what is left of a vote that falls softly would make the pose less sure than it is. Where
+two poses explain about as much, as between two walls of which one moved, both stay, each by how likely it is.
 """
 
 from typing import NamedTuple
@@ -18,13 +19,16 @@ from jaxmm.deviations.fits import UNKNOWN_SLOPE, Fit
 from jaxmm.rays.open_directions import GIVEN
 
 LEAST_PLACE, USUAL_PLACE, MOST_PLACE = 0.0001, 0.001, 0.01  # [m] by which faces in their place scatter
-ENOUGH = 10  # faces that tell how much they scatter
+USUAL_TILT = np.full(2, USUAL_PLACE)
+USUAL_RANGE = np.log(5.0)  # standard deviation of the logarithm of that, before any face was seen
+SCATTERS = np.geomspace(LEAST_PLACE, MOST_PLACE, 24)  # [m] that are tried
 SOFT = 2.0  # standard deviations, from where on a face loses its vote
 # A pose that fits as it was given hardly does so by chance: one wall would have to have moved by just what it is off.
 AS_GIVEN, MARKED = (0.003, 0.003, 0.003, 0.001, 0.001, 0.001), 6.0  # [m, rad], and of the log likelihood
 FAR_OFF = 4.0  # standard deviations, from where on it has moved
-MOVED, SIZES = 0.1, 6.0  # share of elements, and the logarithm of the range of what they may be off
-AS_GOOD = 3.0  # of the log likelihood: poses worse by no more are kept
+# Share of elements that moved, the logarithm of the range of what they may be off, and the least of it [m].
+MOVED, SIZES, LEAST_MOVED = 0.1, 6.0, 0.001
+AS_GOOD = 5.0  # of the log likelihood: poses worse by no more are kept
 ANCHORS = 8  # faces that a solution is begun from, each believed alone
 ROUNDS = 30
 # What other scans hold, they hold whatever moved: its faces alone would lay it at the pose's door.
@@ -39,7 +43,9 @@ class PoseError(NamedTuple):
     told: np.ndarray  # (6, 6) information of all faces, and of what was known before
     right: np.ndarray  # (6,)
     place: float  # [m] standard deviation of faces that stand in their place, off it
-    tilt: float  # [m] and of their ends off where their middles have them
+    tilt: np.ndarray  # (2,) [m] and of their ends off where their middles have them, along their axes
+    share: float = 1.0  # how likely it is, of all that may be
+    voted: bool = True  # whether the faces that one asks about had a vote
 
     @property
     def correction(self) -> np.ndarray:
@@ -48,18 +54,25 @@ class PoseError(NamedTuple):
             return np.zeros(6)
         return -np.linalg.solve(self.told, self.right)
 
-    def without(self, fits: list[Fit], sensor: np.ndarray) -> np.ndarray:
-        """Covariance (6, 6) by all but some faces: a pose that one wall alone tells is no witness of that wall."""
+    def without(self, fits: list[Fit], sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Correction (6,) and its covariance (6, 6) by all but some faces.
+
+        A wall is no witness of where it stands itself: a pose that it helped to tell would draw it to its place, by
+        more than what the others leave open.
+        """
         if not np.isfinite(self.told).all():
-            return np.zeros((6, 6))
-        off, rows, sigma = _told_by(fits, sensor, self.place, self.tilt)
-        own = _normal(off, rows, sigma, _weights(off, rows, sigma, self.correction))[0]
+            return np.zeros(6), np.zeros((6, 6))
+        own, right = np.zeros((6, 6)), np.zeros(6)
+        if self.voted and fits:
+            off, rows, sigma = _told_by(fits, sensor, self.place, self.tilt)
+            own, right = _normal(off, rows, sigma, _votes(off, rows, sigma, self.correction))
         # Nothing is known worse than before any face was seen; rounding must not say so either.
         square, axes = np.linalg.eigh((self.told - own) * np.outer(GIVEN, GIVEN))
-        return (axes / np.maximum(square, 1.0)) @ axes.T * np.outer(GIVEN, GIVEN)
+        spread = (axes / np.maximum(square, 1.0)) @ axes.T * np.outer(GIVEN, GIVEN)
+        return -spread @ (self.right - right), spread
 
 
-EXACTLY = PoseError(np.full((6, 6), np.inf), np.zeros(6), USUAL_PLACE, USUAL_PLACE)  # of a pose that is believed
+EXACTLY = PoseError(np.full((6, 6), np.inf), np.zeros(6), USUAL_PLACE, USUAL_TILT)  # of a pose that is believed
 
 
 def rows_of(fit: Fit, about: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,8 +84,8 @@ def rows_of(fit: Fit, about: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([fit.level, *fit.slope]), rows
 
 
-def scatter(fit: Fit, place: float, tilt: float) -> np.ndarray:
-    """(3,) standard deviations of level and slopes of a face that may be so far off its place [m], and its ends."""
+def scatter(fit: Fit, place: float, tilt: np.ndarray) -> np.ndarray:
+    """(3,) standard deviations of level and slopes of a face that may be so far off its place, and its ends (2,)."""
     return np.sqrt(np.diag(fit.variance) + np.square([place, *(tilt / _wide(fit))]))
 
 
@@ -96,18 +109,28 @@ def pose_errors(fits: list[Fit], sensor: np.ndarray, trust: str = REGISTERED) ->
     if trust == KEPT:
         known = [(AS_GIVEN, 0.0), (GIVEN, MARKED)]
     if not fits:
-        return [PoseError(np.diag(1.0 / np.square(known[0][0])), np.zeros(6), USUAL_PLACE, USUAL_PLACE)]
-    new = USUAL_PLACE, USUAL_PLACE
+        return [PoseError(np.diag(1.0 / np.square(known[0][0])), np.zeros(6), USUAL_PLACE, USUAL_TILT)]
+    new = USUAL_PLACE, USUAL_TILT
     for _ in range(3):
         place, tilt = new
         off, rows, sigma = _told_by(fits, sensor, place, tilt)
         found = [one for given, cost in known for one in _solutions(off, rows, sigma, given, cost)]
         found.sort(key=lambda one: one[0])
         new = _scatters(fits, off, rows, found[0][1], 6)
-    return [PoseError(told, right, place, tilt) for cost, _, told, right in found if cost < found[0][0] + AS_GOOD]
+    apart: list[PoseError] = []
+    for cost, step, told, right in found:
+        if cost > found[0][0] + AS_GOOD:
+            break
+        # Of two that are within what either leaves open, the likelier one says it all.
+        if all((lag := step - one.correction) @ one.told @ lag > 1.0 for one in apart):
+            apart.append(PoseError(told, right, place, tilt, float(np.exp(found[0][0] - cost))))
+    every = sum(one.share for one in apart)
+    return [one._replace(share=one.share / every) for one in apart]
 
 
-def _scatters(fits: list[Fit], off: np.ndarray, rows: np.ndarray, step: np.ndarray, free: int) -> tuple[float, float]:
+def _scatters(
+    fits: list[Fit], off: np.ndarray, rows: np.ndarray, step: np.ndarray, free: int
+) -> tuple[float, np.ndarray]:
     """[m] how much faces in their place scatter about it, and their ends, by what a correction leaves of them."""
     left = off + rows @ step
     errors = np.array([np.diag(fit.variance) for fit in fits]).reshape(-1, 3)
@@ -115,27 +138,30 @@ def _scatters(fits: list[Fit], off: np.ndarray, rows: np.ndarray, step: np.ndarr
     known = errors[:, 1:] < (UNKNOWN_SLOPE / 2.0) ** 2
     ends, of_ends = left[:, 1:] * wide, errors[:, 1:] * wide**2
     # Walls may be turned where none leans.
-    tilt = max(_scatter_of(ends[one, axis], of_ends[one, axis], free / 2) for axis, one in enumerate(known.T))
-    return _scatter_of(left[:, 0], errors[:, 0], free / 2), tilt
+    tilt = [_scatter_of(ends[one, axis], of_ends[one, axis], free / 2) for axis, one in enumerate(known.T)]
+    return _scatter_of(left[:, 0], errors[:, 0], free / 2), np.array(tilt)
 
 
 def _scatter_of(left: np.ndarray, errors: np.ndarray, free: float) -> float:
-    """[m] standard deviation of most of what is left (n,), where so many numbers were fitted.
+    """[m] standard deviation of what stands in its place, by what is left (n,), where so many numbers were fitted.
 
-    Beside the errors of the rays, of which the variances (n,) are known: these come to it anyway.
+    Beside the errors of the rays, of which the variances (n,) are known: these come to it anyway. The mean of what may
+    be: of few faces, or of rays that err by more, one knows little more than what is usual.
     """
-    if len(left) < 3:
+    known, count = len(left), max(len(left) - free, 0.0)
+    if known < 3 or count == 0.0:
         return USUAL_PLACE
-    seen = 1.4826 * float(np.median(np.abs(left))) * np.sqrt(len(left) / max(len(left) - free, 1.0))
-    seen = np.sqrt(max(seen**2 - float(np.median(errors)), LEAST_PLACE**2))
-    if len(left) < ENOUGH:  # few tell little of it
-        share = len(left) / ENOUGH
-        seen = max(seen, seen**share * USUAL_PLACE ** (1.0 - share))
-    return float(np.clip(seen, LEAST_PLACE, MOST_PLACE))
+    variance = errors + np.square(SCATTERS)[:, None]
+    square = np.square(left) * (known / count)
+    moved = MOVED / (2.0 * SIZES * np.maximum(np.abs(left), LEAST_MOVED))
+    likely = np.log((1.0 - MOVED) * np.exp(-square / variance / 2.0) / np.sqrt(2.0 * np.pi * variance) + moved)
+    likely = likely.sum(axis=1) * (count / known) - np.square(np.log(SCATTERS / USUAL_PLACE) / USUAL_RANGE) / 2.0
+    share = np.exp(likely - likely.max())
+    return float(np.sqrt(share @ np.square(SCATTERS) / share.sum()))
 
 
 def _told_by(
-    fits: list[Fit], sensor: np.ndarray, place: float, tilt: float
+    fits: list[Fit], sensor: np.ndarray, place: float, tilt: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Levels and slopes (G, 3) of faces, how they change (G, 3, 6), and their standard deviations (G, 3)."""
     return *rows_of_all(fits, sensor), np.stack([scatter(fit, place, tilt) for fit in fits])
@@ -168,6 +194,14 @@ def _solutions(
             last, step = step, -np.linalg.solve(told + prior, right)
             if np.abs(step - last).max() < 1e-7:
                 break
+        for _ in range(ROUNDS):
+            votes = _votes(off, rows, sigma, step)
+            if silent is not None:
+                votes[silent] = 0.0
+            told, right = _normal(off, rows, sigma, votes)
+            last, step = step, -np.linalg.solve(told + prior, right)
+            if np.abs(step - last).max() < 1e-7:
+                break
         square = np.square((off + rows @ step) / sigma).max(axis=1)
         total = cost + float(_surprise(square).sum()) + 0.5 * float(step @ prior @ step)
         is_other = silent is None or square[silent] > FAR_OFF**2
@@ -188,8 +222,20 @@ def _surprise(square: np.ndarray) -> np.ndarray:
     What moved may have by millimetres or by decimetres, one as likely as the other: of two poses that each leave one
     wall off, that which leaves it less far off is hardly the likelier one.
     """
-    moved = MOVED / (2.0 * SIZES * np.maximum(np.sqrt(square), 1.0))
-    return -np.log((1.0 - MOVED) / np.sqrt(2.0 * np.pi) * np.exp(-square / 2.0) + moved)
+    stands, moved = _likely(square)
+    return -np.log(stands + moved)
+
+
+def _likely(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(G,) densities of what stands in its place, and of what moved, by the squares of standard deviations off."""
+    stands = (1.0 - MOVED) / np.sqrt(2.0 * np.pi) * np.exp(-square / 2.0)
+    return stands, MOVED / (2.0 * SIZES * np.maximum(np.sqrt(square), 1.0))
+
+
+def _votes(off: np.ndarray, rows: np.ndarray, sigma: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """(G,) how likely faces stand in their place after a correction: what each then tells of it."""
+    stands, moved = _likely(np.square((off + rows @ step) / sigma).max(axis=1))
+    return stands / (stands + moved)
 
 
 def _weights(off: np.ndarray, rows: np.ndarray, sigma: np.ndarray, step: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ ObjectType = Literal["pillar", "wall"]
 OBJECT_TYPES = ("pillar", "wall")
 MISMATCH_TYPES = ("added", "removed")
 LEAST_ASKEW = 0.5  # [deg] off the axes, from which on a sentence says so
+FINE_TURN = 10.0  # [deg] below which it says tenths: half a degree is not none
 
 
 class Box(NamedTuple):
@@ -163,7 +164,8 @@ def sentence(box: Box, mismatch_type: str) -> str:
     center, dimensions = _printed(box.center), _printed(np.asarray(box.dimensions)[order])
     askew = box.shape != "round" and abs(turn) >= LEAST_ASKEW
     way = "counter-clockwise" if turn > 0.0 else "clockwise"
-    turned = f", turned by {abs(turn):.0f}° {way}" if askew else ""
+    angle = f"{abs(turn):.{int(abs(turn) < FINE_TURN)}f}".removesuffix(".0")
+    turned = f", turned by {angle}° {way}" if askew else ""
     return f"A {box.object_type} has been {mismatch_type} at {center} with dimensions {dimensions}{turned}."
 
 

@@ -155,7 +155,7 @@ def knows_deviations(prior: Prior, settings: DetectSettings) -> bool:
 def _is_off(one: Deviation) -> bool:
     """Whether an element surely stands, and surely not in its place, as the pose has it."""
     off = max(float(np.linalg.norm(one.step)), one.worst)
-    open_by = one.half if is_told(one) and not one.before else 0.0  # either way what is seen there is not new
+    open_by = one.step_half if is_told(one) and not one.before else 0.0  # either way what is seen there is not new
     return one.stands >= STANDS and off > max(LEAST_MOVED, open_by)
 
 

@@ -34,6 +34,11 @@ from jaxmm.learning.boxes import Box, sentence
             "removed",
             "A wall has been removed at [1. 2. 1.5] with dimensions [0.2 4. 3.], turned by 15° clockwise.",
         ),
+        (  # half a degree is not none
+            Box("wall", np.array([1.0, 2.0, 1.5]), np.array([4.0, 0.2, 3.0]), 90.5),
+            "added",
+            "A wall has been added at [1. 2. 1.5] with dimensions [0.2 4. 3.], turned by 0.5° counter-clockwise.",
+        ),
         (  # a round one looks the same from all sides
             Box("pillar", np.array([1.0, 2.0, 1.5]), np.array([0.4, 0.4, 3.0]), 30.0, "round"),
             "added",

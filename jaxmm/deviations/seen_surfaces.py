@@ -1,0 +1,39 @@
+"""What was seen of an element's surface: how flat it is, how much is within the tolerance, how far off its ends are."""
+
+import numpy as np
+
+from jaxmm.deviations.element_motion import NORMAL, Seen
+from jaxmm.deviations.fits import CELL, UNKNOWN_SLOPE
+
+
+def surface_of(seen: list[Seen], pose: int, tolerance: float) -> tuple[float, float, float]:
+    """Flatness [m]; 95 % of its places are so near to the model [m]; area [m2] seen that is within the tolerance.
+
+    `pose` is 0 with the likeliest of each scan, 1 with those that they have.
+    """
+    faces = [one for one in seen if one.fit.first]
+    cells = []
+    for one in faces:
+        within = one.off[pose] <= tolerance
+        cells.append(np.column_stack([np.full(within.sum(), one.group), one.cell[within]]))
+    covered = len(np.unique(np.concatenate(cells), axis=0)) * CELL**2
+    apart, offs = [one.apart for one in faces], [one.off[pose] for one in faces]
+    # Values that were measured: what lies between two of them, of few, holds less than the share.
+    flatness, worst = (
+        float(np.quantile(np.concatenate(all_of), 0.95, method="inverted_cdf")) for all_of in (apart, offs)
+    )
+    return flatness, worst, covered
+
+
+def ends_of(seen: list[Seen], pose: int, half: float) -> float:
+    """`worst`: what a twentieth of some face is surely off, and `half`; 0 [m] where none surely is.
+
+    Of faces as they were fitted, for ranges that err displace nothing. The errors of slopes add to those of the middle.
+    """
+    least = 0.0
+    for one in (one for one in seen if one.fit.first):
+        known = np.diag(one.fit.variance) < (UNKNOWN_SLOPE / 2.0) ** 2
+        ends = np.where(known, [1.0, *(2.0 * one.fit.extent)], 0.0)
+        error = np.hypot(half, NORMAL * float(np.sqrt(ends @ np.abs(one.fit.variance) @ ends)))
+        least = max(least, float(np.percentile(one.face[pose], 95.0)) - error)
+    return least + half if least > 0.0 else 0.0
