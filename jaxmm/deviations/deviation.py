@@ -21,7 +21,7 @@ from jaxmm.deviations.heights import Heights, heights_of
 from jaxmm.deviations.meetings import STEEP, Meetings, groups_of, meetings_of
 from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors
 from jaxmm.deviations.seen_surfaces import ends_of, surface_of
-from jaxmm.deviations.shifted_columns import Shift, columns_of
+from jaxmm.deviations.shifted_columns import Shift, columns_of, met_at_ends
 from jaxmm.deviations.tolerances import Slope, din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
 from jaxmm.vectors import lengths
@@ -126,6 +126,7 @@ class Faces(NamedTuple):
     poses: list[PoseError]  # how far off it may be, the likeliest first
     seen: list[Seen]
     heights: Heights  # at which its rays end on them, or pass
+    ends: np.ndarray = np.zeros(0, np.int64)  # rows of walls that it meets at their ends alone
 
 
 def deviations_of(
@@ -161,7 +162,8 @@ def faces_of(
     met = meetings_of(scene, rays, own, clear)
     found = fits_of(scene, met, columns_of(scene))
     poses = pose_errors([fit for _, fit in found], rays.position, trust)
-    return Faces(rays.position, poses, seen_of_each(found, poses[0], rays.position), heights_of(scene.triangles, met))
+    seen = seen_of_each(found, poses[0], rays.position)
+    return Faces(rays.position, poses, seen, heights_of(scene.triangles, met), met_at_ends(scene, met))
 
 
 def deviations_by(scene: TriangleScene, shown: list[Faces], tolerance: np.ndarray) -> dict[int, Deviation]:

@@ -53,13 +53,14 @@ class Motion(NamedTuple):
     covariance: np.ndarray  # (6, 6)
     swings: tuple["Swing", ...]  # of each scan
     answers: tuple[np.ndarray, ...]  # (6,) what else it may be: by each scan, or without what may be a cupboard
+    keep: np.ndarray = np.zeros((3, 3))  # projection onto the directions of the shift that are fixed; zero if none is
 
-    @property
-    def keep(self) -> np.ndarray:
-        """(3, 3) projection onto the directions of the shift that faces fix; zero where they fix none."""
-        square, axes = np.linalg.eigh(self.covariance[:3, :3])
-        fixed = axes[:, square < FIXED**2]
-        return fixed @ fixed.T
+    def fixed(self) -> "Motion":
+        """With what its faces fix, and the pose: directions along which 95 % of what may be lies near by."""
+        axes = np.linalg.eigh(self.covariance[:3, :3])[1].T
+        most = NORMAL * FIXED
+        fixed = np.array([one for one in axes if self._half(np.array([*one, 0.0, 0.0, 0.0])) < most]).reshape(-1, 3)
+        return self._replace(keep=fixed.T @ fixed)
 
     @property
     def turned(self) -> np.ndarray:
@@ -173,7 +174,7 @@ def motion_of(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.n
     if any(one.fit.before for one in seen):
         rest = [one for one in seen if not one.fit.before]
         answers += (_solved(rest, poses, sensors, middle)[0] if rest else np.zeros(6),)
-    return Motion(best, spread, swings, answers)
+    return Motion(best, spread, swings, answers).fixed()
 
 
 def _swing(

@@ -1,9 +1,10 @@
-"""Columns that stand beside their places: where the same shape fits what is there, and belongs to nothing else.
+"""Columns, and ends of walls, that stand beside their places: where the same shape fits what belongs to nothing else.
 
 K points, T tried shifts. Positions are offsets from the prior's origin, world axes: metres, z up.
 
 A ray tells how far a face is off along its normal; of a column that moved across the view, rays that should meet it
-pass, and what it now shows belongs to no face of the model. So the column's own surface is laid over those points.
+pass, and what it now shows belongs to no face of the model. So the column's own surface is laid over those points. So
+is a wall's that a scan meets at its end alone.
 """
 
 from collections.abc import Iterable
@@ -11,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.deviations.meetings import STEEP, Meetings
 from jaxmm.rays.scan_rays import ScanRays, measured_points
 from jaxmm.vectors import lengths
 from warp_scanner.clouds.voxels import thin_clouds
@@ -49,30 +51,59 @@ def columns_of(scene: TriangleScene) -> np.ndarray:
     return np.flatnonzero(slender & ~np.isin(semantic, (DOOR, WINDOW)))
 
 
+def met_at_ends(scene: TriangleScene, met: Meetings) -> np.ndarray:
+    """Rows of what is no column, and which rays meet at narrow upright faces alone: of a wall its end."""
+    triangles = scene.triangles
+    low, high = element_bounds(triangles)
+    may = (high[:, 2] - low[:, 2] > LOWEST) & ~np.isin(triangles.semantic, (DOOR, WINDOW))
+    may[columns_of(scene)] = False
+    order = np.argsort(triangles.element, kind="stable")
+    starts = np.searchsorted(triangles.element[order], np.arange(len(may) + 1))
+    first = np.flatnonzero(np.diff(met.group, prepend=-1))
+    is_narrow: dict[int, bool] = {}
+    for row, normal in zip(met.element[first].tolist(), met.normal[first], strict=True):
+        if may[row] and abs(normal[2]) <= STEEP and is_narrow.get(row, True):
+            own = triangles.vertices[triangles.faces[order[starts[row] : starts[row + 1]]].ravel(), :2]
+            is_narrow[row] = bool(np.ptp(own @ np.array([-normal[1], normal[0]])) < WIDE)
+    return np.array(sorted(row for row, narrow in is_narrow.items() if narrow), np.int64)
+
+
 class Beside(NamedTuple):
     """The points of one scan about each of C columns, those of one after another."""
 
+    rows: np.ndarray  # (C,) int, ascending
     points: np.ndarray  # (K, 3) float32 [m]
     start: np.ndarray  # (C + 1,) int
 
-    def of(self, column: int) -> np.ndarray:
-        """(k, 3) float32 [m] about one of them."""
-        return self.points[self.start[column] : self.start[column + 1]]
+    def of(self, row: int) -> np.ndarray:
+        """(k, 3) float32 [m] about one of them; none about any other element."""
+        place = int(np.searchsorted(self.rows, row))
+        if place == len(self.rows) or self.rows[place] != row:
+            return self.points[:0]
+        return self.points[self.start[place] : self.start[place + 1]]
 
 
-def beside_columns(scene: TriangleScene, rays: ScanRays, most: float) -> Beside:
-    """What one scan shows about each of `columns_of`, up to `most` [m] and a little farther off its place."""
+def beside_columns(scene: TriangleScene, rays: ScanRays, most: float, ends: np.ndarray | None = None) -> Beside:
+    """What one scan shows about each of `columns_of`, up to `most` [m] and a little farther off its place.
+
+    Args:
+        scene: the model.
+        rays: of the scan.
+        most: [m].
+        ends: (n,) int rows of walls of which it shows ends alone; None: of none.
+    """
     low, high = (bound.astype(np.float64) for bound in element_bounds(scene.triangles))
     points, found = measured_points(rays), [np.zeros((0, 3), np.float32)]
     squares = _Squares(points[:, :2])
     reach = np.array([most + AROUND, most + AROUND, -ENDS])
-    for row in columns_of(scene):
+    rows = np.union1d(columns_of(scene), () if ends is None else ends).astype(np.int64)
+    for row in rows:
         first, last = low[row] - reach, high[row] + reach
         near = squares.between(first[:2], last[:2])
         about = points[near]
         inside = np.all((about > first) & (about < last), axis=1)
         found.append(points[np.sort(near[inside])])
-    return Beside(np.concatenate(found), np.cumsum([len(one) for one in found]))
+    return Beside(rows, np.concatenate(found), np.cumsum([len(one) for one in found]))
 
 
 class _Squares:
@@ -104,13 +135,12 @@ def shifts_of(
     One scan is held at a time, and of it what is about `rows`. `others` are where all other elements stand, if not
     where the scene has them.
     """
-    place = {int(row): number for number, row in enumerate(columns_of(scene)) if row in rows}
-    about: dict[int, list[np.ndarray]] = {row: [] for row in place}
-    for one in shown if place else ():
-        for row, number in place.items():
-            about[row].append(one.of(number).copy())
+    about: dict[int, list[np.ndarray]] = {int(row): [] for row in rows}
+    for one in shown if about else ():
+        for row, points in about.items():
+            points.append(one.of(row).copy())
     places = _Places(scene.triangles, (others or scene).triangles)
-    found = {int(row): _shift(places, np.concatenate(about[row]), row, most) for row in place}
+    found = {row: _shift(places, np.concatenate(points), row, most) for row, points in about.items()}
     return {row: one for row, one in found.items() if one is not None}
 
 

@@ -76,7 +76,7 @@ def as_built(
     vacant = passed_above(prior.scene.triangles, (one.heights for one in shown), in_place=True)
     moved = {row: _step(one) for row, one in found.items() if _is_off(one)}
     # What stands beside its place is where its rays pass.
-    slender = columns_of(prior.scene)
+    slender = np.union1d(columns_of(prior.scene), _ends(shown)).astype(np.int64)
     # What is partly of glass is not looked for there: points that lie on it may be of what is behind its glass.
     slender = np.setdiff1d(slender, _glazed(prior.building))
     lost = [row for row in slender if row not in found or found[row].stands < WHOLLY]
@@ -104,6 +104,13 @@ def as_built(
         now = (_with_moved(prior, kept, found) if kept else prior)._replace(vacant=vacant)
     wholes = _wholes(prior, shown, found.keys() - shifts.keys(), limits)
     return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)}, tolerance, wholes)
+
+
+def _ends(shown: list[Faces]) -> list[int]:
+    """Rows of walls that scans meet at their ends alone; none of which another scan shows a side."""
+    ends = {row for one in shown for row in one.ends.tolist()}
+    sides = {each.element for one in shown for each in one.seen if each.element not in one.ends}
+    return sorted(ends - sides)
 
 
 def _wholes(

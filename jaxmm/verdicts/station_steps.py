@@ -164,9 +164,9 @@ def face_station(context: Context, shelf: Shelf, held: Held | None) -> Shown:
     if not knows_deviations(prior, settings):
         return Shown(stood, None)
     shelf["own"] = own_ranges(rays, placed.scan.rotation, one.whole if one.is_settled else None)
-    shelf["beside"] = beside_columns(prior.scene, rays, settings.deviations.most)
     trust = trust_in(placed, settings.refine)
     faces = faces_of(prior.scene, rays, trust, shelf["own"], panes_of(prior))
+    shelf["beside"] = beside_columns(prior.scene, rays, settings.deviations.most, faces.ends)
     shelf["poses"] = faces.poses
     return Shown(stood, faces)
 
