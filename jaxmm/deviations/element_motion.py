@@ -24,6 +24,9 @@ LEAST_BENT = np.radians(1.0)  # that one face of an element is turned otherwise 
 AT_ODDS = 4.0  # standard deviations, from which on a face contradicts what all faces together say
 
 
+Loose = tuple[np.ndarray, np.ndarray]  # correction (6,) of a pose, and its covariance (6, 6)
+
+
 class Seen(NamedTuple):
     """One face of an element in one scan: what is left of its rays, by C places of 0.1 m on it."""
 
@@ -57,7 +60,8 @@ class Motion(NamedTuple):
 
     def fixed(self) -> "Motion":
         """With what its faces fix, and the pose: directions along which 95 % of what may be lies near by."""
-        axes = np.linalg.eigh(self.covariance[:3, :3])[1].T
+        spread = self.covariance + sum((one.step.T * one.share) @ one.step for one in self.swings)
+        axes = np.linalg.eigh(spread[:3, :3])[1].T  # where it swings is one of them
         most = NORMAL * FIXED
         fixed = np.array([one for one in axes if self._half(np.array([*one, 0.0, 0.0, 0.0])) < most]).reshape(-1, 3)
         return self._replace(keep=fixed.T @ fixed)
@@ -127,7 +131,7 @@ def telling(
     rest = [one for one in seen if not one.fit.before]
     if not rest or len(rest) == len(seen):
         return seen
-    spread = _solved(rest, poses, sensors, middle)[1][:3, :3]
+    spread = _solved(rest, _loose(rest, poses, sensors), poses, sensors, middle)[1][:3, :3]
     ways = [one.fit.normal for one in seen if one.fit.before]
     return rest if all(way @ spread @ way < FIXED**2 for way in ways) else seen
 
@@ -138,9 +142,9 @@ def _rigid(
     """The faces of one scan that are turned as the one with most rays is."""
     own = [one for one in seen if one.scan == scan]
     main = max(own, key=lambda one: one.rays)
-    step, spread, _ = _solved([main], poses, sensors, middle)
-    pose, sensor = poses[scan][0], sensors[scan]
-    correction = _without([main], scan, poses, sensors)[0][0]
+    loose = _loose([main], poses, sensors)
+    step, spread, _ = _solved([main], loose, poses, sensors, middle)
+    pose, sensor, correction = poses[scan][0], sensors[scan], loose[scan][0][0]
 
     def turns_alike(one: Seen) -> bool:
         (off, arms), rows = rows_of(one.fit, sensor), rows_of(one.fit, middle)[1]
@@ -161,40 +165,41 @@ def motion_of(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.n
         sensors: of each scan (3,) [m].
         middle: (3,) [m] of the element.
     """
-    scans = sorted({one.scan for one in seen})
-    best, spread, gains = _solved(seen, poses, sensors, middle)
-    swings = tuple(_swing(seen, scan, poses, sensors, gains[scan]) for scan in scans)
+    scans, loose = sorted({one.scan for one in seen}), _loose(seen, poses, sensors)
+    best, spread, gains = _solved(seen, loose, poses, sensors, middle)
+    swings = tuple(_swing(loose[scan], poses[scan], gains[scan]) for scan in scans if len(poses[scan]) > 1)
     answers: tuple[np.ndarray, ...] = ()
-    left, sigma = left_of(seen, best, poses, sensors, middle)
+    left, sigma = _left_of(seen, loose, best, poses, sensors, middle)
     if len({one.element for one in seen}) > 1:
         # Pieces stand each a little otherwise: where they scatter by more than their faces do, so does their middle.
         spread = spread * max(1.0, float(np.sum(np.square(left / sigma))) / max(len(seen) - FIXED_BY, 1))
     if len(scans) > 1 and np.any(np.abs(left) > AT_ODDS * sigma):
-        answers = tuple(_solved([one for one in seen if one.scan == scan], poses, sensors, middle)[0] for scan in scans)
+        parts = ([one for one in seen if one.scan == scan] for scan in scans)
+        answers = tuple(_solved(part, loose, poses, sensors, middle)[0] for part in parts)
     if any(one.fit.before for one in seen):
         rest = [one for one in seen if not one.fit.before]
-        answers += (_solved(rest, poses, sensors, middle)[0] if rest else np.zeros(6),)
+        answers += (_solved(rest, loose, poses, sensors, middle)[0] if rest else np.zeros(6),)
     return Motion(best, spread, swings, answers).fixed()
 
 
-def _swing(
-    seen: list[Seen], scan: int, poses: list[list[PoseError]], sensors: list[np.ndarray], gain: np.ndarray
-) -> Swing:
-    places = np.stack([place for place, _ in _without(seen, scan, poses, sensors)])
-    return Swing(np.array([one.share for one in poses[scan]]), (places - places[0]) @ gain.T)
+def _swing(loose: list[Loose], poses: list[PoseError], gain: np.ndarray) -> Swing:
+    places = np.stack([place for place, _ in loose])
+    return Swing(np.array([one.share for one in poses]), (places - places[0]) @ gain.T)
 
 
 def _solved(
-    seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray
+    seen: list[Seen],
+    loose: dict[int, list[Loose]],
+    poses: list[list[PoseError]],
+    sensors: list[np.ndarray],
+    middle: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, dict[int, np.ndarray]]:
     """The motion (6,), its covariance, and of each scan how it changes with that scan's correction (6, 6)."""
     told, right = np.diag(1.0 / np.square(FREE)), np.zeros(6)
     scans = sorted({one.scan for one in seen})
     arms_of: dict[int, np.ndarray] = {}
-    loose: dict[int, np.ndarray] = {}
     for scan in scans:
-        pose, sensor, how = poses[scan][0], sensors[scan], np.zeros((6, 6))
-        correction, loose[scan] = _without(seen, scan, poses, sensors)[0]
+        pose, sensor, correction, how = poses[scan][0], sensors[scan], loose[scan][0][0], np.zeros((6, 6))
         for fit in (one.fit for one in seen if one.scan == scan):
             off, arms = rows_of(fit, sensor)
             # A body that moves by a step moves its face as far toward the sensor.
@@ -211,7 +216,7 @@ def _solved(
     gains = {scan: own @ how for scan, how in arms_of.items()}
     spread = own.copy()
     for scan, gain in gains.items():
-        spread += gain @ loose[scan] @ gain.T
+        spread += gain @ loose[scan][0][1] @ gain.T
     return own @ right, spread, gains
 
 
@@ -219,10 +224,20 @@ def left_of(
     seen: list[Seen], step: np.ndarray, poses: list[list[PoseError]], sensors: list[np.ndarray], middle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What faces (F,) are off where a motion (6,) has them [m], and the standard deviation of that [m]."""
-    loose = {scan: _without(seen, scan, poses, sensors)[0] for scan in {one.scan for one in seen}}
+    return _left_of(seen, _loose(seen, poses, sensors), step, poses, sensors, middle)
+
+
+def _left_of(
+    seen: list[Seen],
+    loose: dict[int, list[Loose]],
+    step: np.ndarray,
+    poses: list[list[PoseError]],
+    sensors: list[np.ndarray],
+    middle: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     left, sigma = np.zeros((2, len(seen)))
     for number, one in enumerate(seen):
-        pose, (correction, spread) = poses[one.scan][0], loose[one.scan]
+        pose, (correction, spread) = poses[one.scan][0], loose[one.scan][0]
         off, arms = rows_of(one.fit, sensors[one.scan])
         left[number] = (off + arms @ correction - rows_of(one.fit, middle)[1] @ step)[0]
         variance = scatter(one.fit, pose.place, pose.tilt)[0] ** 2 + arms[0] @ spread @ arms[0]
@@ -230,23 +245,20 @@ def left_of(
     return left, sigma
 
 
-def _without(
-    seen: list[Seen], scan: int, poses: list[list[PoseError]], sensors: list[np.ndarray]
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """By each pose that a scan may have, its correction (6,) and covariance (6, 6) by all faces but an element's own.
+def _loose(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray]) -> dict[int, list[Loose]]:
+    """By scan, and by each pose that it may have: what all faces but the element's own tell of it.
 
     Of two walls of which one moved, each pose has one in its place, and no witness of that one but itself: it is
     believed where the other pose tells what it is if not.
     """
-    own, sensor = [one.fit for one in seen if one.scan == scan], sensors[scan]
-    found = [one.without(own, sensor) for one in poses[scan]]
-    if len(found) == 1:
-        return found
-    arms = np.stack([rows_of(fit, sensor)[1][0] for fit in own])
-    is_open = [np.einsum("fi,ij,fj->f", arms, spread, arms).max() > FIXED**2 for _, spread in found]
-    if not any(is_open) or all(is_open):
-        return found
-    return [
-        one.without([], sensor) if leaves_open else known
-        for one, known, leaves_open in zip(poses[scan], found, is_open, strict=True)
-    ]
+    known: dict[int, list[Loose]] = {}
+    for scan in {one.scan for one in seen}:
+        own, sensor = [one.fit for one in seen if one.scan == scan], sensors[scan]
+        found = known[scan] = [one.without(own, sensor) for one in poses[scan]]
+        if len(found) > 1:
+            arms = np.stack([rows_of(fit, sensor)[1][0] for fit in own])
+            is_open = [np.einsum("fi,ij,fj->f", arms, spread, arms).max() > FIXED**2 for _, spread in found]
+            if not all(is_open):
+                for number in np.flatnonzero(is_open):
+                    found[number] = poses[scan][number].without([], sensor)
+    return known
