@@ -66,7 +66,7 @@ def _without_number(path: Path, model: Any) -> list[tuple[Any, str]]:
                 and any(map(item.is_a, _GEOMETRY))
                 and text[begin:last].count(b"'") % 2 == 0
             ):
-                found[item.id()] = (item, f"#{item.id()}, {item.is_a()}, has a number that is infinite or none")
+                found[item.id()] = (item, f"#{item.id()}, {item.is_a()}, has a number that is infinite, none, or beyond 1e99")
     return list(found.values())
 
 
