@@ -20,8 +20,7 @@ from jaxmm.deviations.fits import (
     axes_of,
     count_cells,
 )
-from jaxmm.deviations.meetings import MOST_OFF, Meetings
-from jaxmm.vectors import lengths
+from jaxmm.deviations.meetings import LEAST_COSINE, MOST_OFF, Meetings
 
 RADIUS = 0.002  # [m] that a shaft may be thicker or thinner than drawn, which looks like a shift toward the sensor
 OVAL = 0.05  # of the radius, that a round shaft may be off a circle
@@ -44,8 +43,12 @@ def fits_of_curved(body: Meetings) -> list[Fit]:
     circle, shift = _circle(body), np.zeros(2)
     for _ in range(ROUNDS):
         ways, left = _laid(body, circle, shift)
+        on = on & np.isfinite(left)
         shift = shift + np.linalg.lstsq(ways[on], left[on], rcond=None)[0]
         ways, left = _laid(body, circle, shift)
+        on = on & np.isfinite(left)
+        if not on.any():
+            return []
         sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(left[on]))))
         width = min(max(CUT * sigma, 2.0 * LEAST_SIGMA), IN_PLACE)
         new = np.abs(left) < width
@@ -57,8 +60,12 @@ def fits_of_curved(body: Meetings) -> list[Fit]:
     through, measured = int(np.sum(left < -width)) * body.every, body.as_measured()
     for _ in range(ROUNDS):
         ways, apart = _laid(measured, circle, shift)
+        on = on & np.isfinite(apart)
         shift = shift + np.linalg.lstsq(ways[on], apart[on], rcond=None)[0]
     ways, apart = _laid(measured, circle, shift)
+    on = on & np.isfinite(apart)
+    if on.sum() < LEAST_RAYS:
+        return []
     sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(apart[on]))))
     worth = max(4.0, min(float(count_cells(body.end[on])), float(on.sum()))) / on.sum()
     square, axes = np.linalg.eigh(ways[on].T @ ways[on] * worth)
@@ -85,12 +92,22 @@ def fits_of_curved(body: Meetings) -> list[Fit]:
 
 
 def _laid(body: Meetings, circle: tuple[np.ndarray, float] | None, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors (K, 2) in plan, across the body where each ray ends, and how far (K,) [m] off it, after a shift."""
+    """Unit vectors (K, 2) in plan, across the body where each ray meets it after a shift, and how far (K,) [m] off.
+
+    By rays, not by where they ended: an end that errs lies about a shaft as often as on it, and always outside of it.
+    Infinite of rays that do not meet it there.
+    """
     if circle is None:
         return body.normal[:, :2], body.off - body.normal[:, :2] @ shift
-    arms = body.end[:, :2] - circle[0] - shift
-    reach = np.maximum(lengths(arms), 1e-9)
-    return arms / reach[:, None], reach - circle[1]
+    way = ((body.end - body.sensor) / body.reach[:, None])[:, :2]
+    arm, square = body.sensor[:2] - circle[0] - shift, np.einsum("kc,kc->k", way, way)
+    along = way @ arm
+    with np.errstate(invalid="ignore", divide="ignore"):
+        met = (-along - np.sqrt(along**2 - square * (arm @ arm - circle[1] ** 2))) / square
+        across = (arm + way * met[:, None]) / circle[1]
+        cosine = -np.einsum("kc,kc->k", across, way)
+        off = np.where(cosine > LEAST_COSINE, (met - body.reach) * cosine, np.inf)
+    return np.where(np.isfinite(off)[:, None], across, 0.0), off
 
 
 def _circle(body: Meetings) -> tuple[np.ndarray, float] | None:

@@ -292,8 +292,8 @@ def deviation_of(seen: list[Seen], shown: list[Faces], body: Body, tolerance: fl
         tuple(None if no else (float(a), float(b)) for no, (a, b) in zip(opened, spans, strict=True)),
         distance, _plain(direction), turn, lean, flatness, float(min(1.0, covered / max(body.area, 1e-9))), on, classes,
         _plain(judged.turned), half, float(on / max(could, 1)), tuple(sorted({one.scan for one in seen})),
-        ends_of(seen, 0 if told else 1, half), _plain(there.keep @ there.step[:3]), there.half(direction), long, slopes,
-        any(one.fit.before for one in seen),
+        ends_of(seen, judged, middle, 0 if told else 1, half), _plain(there.keep @ there.step[:3]),
+        there.half(direction), long, slopes, any(one.fit.before for one in seen),
     )  # fmt: skip
 
 

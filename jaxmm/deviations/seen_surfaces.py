@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from jaxmm.deviations.element_motion import NORMAL, Seen
+from jaxmm.deviations.element_motion import NORMAL, Motion, Seen
 from jaxmm.deviations.fits import CELL, UNKNOWN_SLOPE
+from jaxmm.deviations.pose_errors import rows_of
 
 
 def surface_of(seen: list[Seen], pose: int, tolerance: float) -> tuple[float, float, float]:
@@ -25,15 +26,18 @@ def surface_of(seen: list[Seen], pose: int, tolerance: float) -> tuple[float, fl
     return flatness, worst, covered
 
 
-def ends_of(seen: list[Seen], pose: int, half: float) -> float:
+def ends_of(seen: list[Seen], motion: Motion, middle: np.ndarray, pose: int, half: float) -> float:
     """`worst`: what a twentieth of some face is surely off, and `half`; 0 [m] where none surely is.
 
-    Of faces as they were fitted, for ranges that err displace nothing. The errors of slopes add to those of the middle.
+    Of faces as they were fitted, for ranges that err displace nothing. The errors of slopes add to those of the middle:
+    of all that tells how the element is turned, about its middle (3,) [m], and how the pose is.
     """
     least = 0.0
     for one in (one for one in seen if one.fit.first):
-        known = np.diag(one.fit.variance) < (UNKNOWN_SLOPE / 2.0) ** 2
-        ends = np.where(known, [1.0, *(2.0 * one.fit.extent)], 0.0)
-        error = np.hypot(half, NORMAL * float(np.sqrt(ends @ np.abs(one.fit.variance) @ ends)))
+        slopes = rows_of(one.fit, middle)[1][1:]
+        known = np.diag(one.fit.variance)[1:] < (UNKNOWN_SLOPE / 2.0) ** 2
+        errors = np.sqrt(np.einsum("ij,jk,ik->i", slopes, motion.covariance, slopes))
+        ends = np.where(known, 2.0 * one.fit.extent * errors, 0.0)
+        error = float(np.hypot(half, NORMAL * np.linalg.norm(ends)))
         least = max(least, float(np.percentile(one.face[pose], 95.0)) - error)
     return least + half if least > 0.0 else 0.0

@@ -41,14 +41,19 @@ class AsBuilt(NamedTuple):
     """What stands where."""
 
     prior: Prior  # with every element where it stands
-    deviations: dict[int, Deviation]  # by row of the element; of those that stand within reach of their places
+    found: dict[int, Deviation]  # by row of the element; of those that stand within reach of their places
     tolerance: np.ndarray  # (E,) [m] of each element
     # Of what has pieces, of which some face is seen; None where they do not move as one.
     wholes: dict[Key, Deviation | None]
 
+    @property
+    def deviations(self) -> dict[int, Deviation]:
+        """Of those of which anything is known: all that is off may be the pose."""
+        return {row: one for row, one in self.found.items() if is_told(one)}
+
     def by(self, scans: int) -> "AsBuilt":
         """What the first so many scans tell of, as all of them do."""
-        return self._replace(deviations={row: one for row, one in self.deviations.items() if one.scans[0] < scans})
+        return self._replace(found={row: one for row, one in self.found.items() if one.scans[0] < scans})
 
 
 def as_built(
@@ -103,7 +108,7 @@ def as_built(
         kept = {row: step for row, step in moved.items() if not vacant[row]}
         now = (_with_moved(prior, kept, found) if kept else prior)._replace(vacant=vacant)
     wholes = _wholes(prior, shown, found.keys() - shifts.keys(), limits)
-    return AsBuilt(now, {row: one for row, one in found.items() if is_told(one)}, tolerance, wholes)
+    return AsBuilt(now, found, tolerance, wholes)
 
 
 def _ends(shown: list[Faces]) -> list[int]:
@@ -182,14 +187,14 @@ def class_name(semantic: int) -> str:
 
 def is_displaced(one: Deviation, tolerance: float, least_rays: int) -> bool:
     """Whether so many rays end on an element, and most of those that could, and it is surely off by more [m]."""
-    return one.rays >= least_rays and one.stands >= STANDS and one.surely > tolerance
+    return is_told(one) and one.rays >= least_rays and one.stands >= STANDS and one.surely > tolerance
 
 
 def with_displaced(verdicts: list[Verdict], stands: AsBuilt, least_rays: int) -> list[Verdict]:
     """The verdicts, with those of elements that stand off their places, and of those that only their faces show."""
     semantic, found = stands.prior.scene.triangles.semantic, list(verdicts)
     glazed = set(_glazed(stands.prior.building).tolist())
-    for row, one in stands.deviations.items():
+    for row, one in stands.found.items():
         verdict, enough = found[row].verdict, one.rays >= least_rays
         # What passes through its glass tells no more of what is partly of glass than what never got there.
         least = STANDS if verdict in (OCCLUDED, UNSCANNED) or row in glazed else WHOLLY

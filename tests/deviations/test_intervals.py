@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
-from jaxmm.deviations.deviation import faces_of
-from jaxmm.deviations.pose_errors import KEPT, REGISTERED
+from jaxmm.deviations.deviation import deviations_by, faces_of
+from jaxmm.deviations.pose_errors import EXACT, KEPT, REGISTERED
 from jaxmm.rays.scan_rays import rays_of_scan
-from tests.deviations.test_deviation import FREE, hall, moved, scan_with_errors, seen, told
+from tests.cases.box_building import building_of
+from tests.deviations.test_deviation import COLUMN, FREE, HALL, hall, moved, scan_with_errors, seen, told
+from tests.deviations.test_hard_deviations import shaft
+from warp_scanner.scenes.building_edits import join
 from warp_scanner.sensors.triangles import prepare
 
 SEEDS = range(12)
@@ -52,3 +55,19 @@ def test_noise_along_slanting_rays_turns_no_face():
         fits = [one.fit for one in faces_of(model, rays_of_scan(scan), KEPT).seen if one.element == 5]
         slopes += [fit.slope[0] / np.sqrt(fit.variance[1, 1]) for fit in fits]
     assert len(slopes) >= 4 and abs(np.mean(slopes)) < 1.0
+
+
+def test_ranges_that_err_by_much_move_no_round_column():
+    """Of a shaft 0.25 m thick, by ranges that err by 80 mm: their ends lie about it, and mostly outside of it."""
+    room = building_of(HALL[:COLUMN]).triangles
+    whole = join(room, shaft(-2.0, -1.0))
+    offsets = []
+    for seed in SEEDS[:4]:
+        scan = scan_with_errors(whole, 0.08, np.array([2.0, -3.0, 1.4]), seed)
+        rays = rays_of_scan(scan)
+        ideal = seen(whole, np.array([2.0, -3.0, 1.4]))
+        own = rays.distance[: rays.measured].astype(np.float64)
+        one = faces_of(prepare(whole), ideal, EXACT, own)
+        found = deviations_by(prepare(whole), [one], np.full(COLUMN + 1, 0.03))[COLUMN]
+        offsets.append(found.offset[:2])
+    assert np.abs(np.mean(offsets, axis=0)).max() < 0.006

@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from jaxmm.verdicts.as_built import AsBuilt, with_displaced
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.priors import prior_of_building
 from jaxmm.verdicts.settings import DetectSettings
+from jaxmm.verdicts.verdicts import Verdict
 from tests.cases.box_building import building_of, scan_of, shell_of
+from tests.cases.displaced import deviation
 from warp_scanner.scenes.scenes import WALL
 from warp_scanner.sensors.sensors import sensor_named
 
@@ -27,7 +30,8 @@ def told(judges, model, real):
     scan, settings = scan_of(real, PLACE, sensor_named("ouster-64")), DetectSettings(propose_views=False)
     found = detect_scans(prior_of_building(building), [scan], judges, settings)
     by = {one.guid: one for one in found.elements}
-    return [by.get(one) for one in building.elements.guid], sum(one.mismatch_type == "added" for one in found.mismatches)
+    new = sum(one.mismatch_type == "added" for one in found.mismatches)
+    return [by.get(one) for one in building.elements.guid], new
 
 
 @pytest.mark.parametrize("by", [0.15, -0.27])
@@ -55,3 +59,13 @@ def test_of_opposite_walls_that_both_moved_nothing_false_is_told(judges, steps):
         one = found[row]
         assert one.verdict == "present"
         assert one.deviation is None or one.deviation.interval[0][0] <= step <= one.deviation.interval[0][1]
+
+
+@pytest.mark.parametrize(("stands", "verdict"), [(0.99, "present"), (0.9, "removed")])
+def test_what_rays_end_on_stands_though_its_place_is_open(stands, verdict):
+    """All that is off may be the pose: then nothing is told of its place, but it is not gone."""
+    prior = prior_of_building(building_of(SHELL))
+    one = deviation(0.1)._replace(interval=(None, None, None), stands=stands)
+    gone = [Verdict("removed", 0.9, 100, (50, 50, 0, 0))] * ROW
+    told = with_displaced(gone, AsBuilt(prior, {EAST: one}, np.full(ROW, 0.03), {}), 20)
+    assert [one.verdict for one in told] == ["removed"] * EAST + [verdict] + ["removed"] * (ROW - EAST - 1)
