@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.rays.hits import hits_of
+from jaxmm.rays.hits import Hits, hits_of
 from jaxmm.rays.scan_rays import ScanRays
+from jaxmm.rays.shared_ends import shared_rays
 from jaxmm.vectors import lengths
 from warp_scanner.sensors.triangles import TriangleScene
 
@@ -60,7 +61,7 @@ class Meetings(NamedTuple):
 def meetings_of(
     scene: TriangleScene, rays: ScanRays, own: np.ndarray | None = None, clear: np.ndarray | None = None
 ) -> Meetings:
-    """All rays of a scan that come back, and should meet a face at no flat angle.
+    """All rays of a scan that come back, and should meet a face at no flat angle, which is not of another, too.
 
     Args:
         scene: the model.
@@ -68,10 +69,12 @@ def meetings_of(
         own: (rays.measured,) [m] ranges as the sensor measured them, as of `own_ranges`; None: those of the rays.
         clear: (T,) bool, triangles that let rays pass: what ends behind them tells nothing of them; None: none does.
     """
+    expected = hits_of(scene, rays.position, rays.direction)
+    shared = shared_rays(scene, rays, expected)[: rays.measured]
+    expected = Hits(*(field[: rays.measured] for field in expected))
     direction, distance = rays.direction[: rays.measured], rays.distance[: rays.measured].astype(np.float64)
-    expected = hits_of(scene, rays.position, direction)
     with np.errstate(invalid="ignore"):  # rays that meet nothing have no cosine
-        tells = np.isfinite(distance) & (np.abs(expected.cosine) > LEAST_COSINE)
+        tells = np.isfinite(distance) & (np.abs(expected.cosine) > LEAST_COSINE) & ~shared
     if clear is not None:
         tells &= ~clear[expected.face]
     hit = np.flatnonzero(tells)

@@ -8,7 +8,7 @@ from typing import IO
 
 import numpy as np
 
-from jaxmm.formats.raw_scans import BLOCK, GrowingPoints, RawScan, axes_of, check_swelling, filled, to_world
+from jaxmm.formats.raw_scans import BLOCK, GrowingPoints, RawScan, axes_of, check_swelling, few_of, filled, to_world
 from jaxmm.inputs import InputError
 
 LEAST_ACROSS = 20  # columns of three rows, from which on these are no three points
@@ -127,11 +127,13 @@ def _returns(path: Path, arrays: np.lib.npyio.NpzFile) -> RawScan:
     ):
         raise InputError(f"{path}: expected rays with one direction each, and origin and rotation of one sensor")
     origin, rotation = origin.astype(np.float64), rotation.astype(np.float64)
-    points = GrowingPoints()
+    points, unseen = GrowingPoints(), [np.zeros((0, 3), np.float32)]
     for start in range(0, len(distance), BLOCK):
         block = slice(start, start + BLOCK)
         back = np.isfinite(distance[block])
         points.append(distance[block][back, None].astype(np.float64) * direction[block][back])
+        nowhere = direction[block][~back]
+        unseen.append(few_of(nowhere[np.isfinite(nowhere).all(axis=1)]))
     found = points.points()
     to_world(found, rotation, origin)
-    return RawScan(found, origin, rotation, in_world=True)
+    return RawScan(found, origin, rotation, in_world=True, unseen=few_of(np.concatenate(unseen)))

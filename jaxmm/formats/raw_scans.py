@@ -11,12 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.inputs import InputError
+from warp_scanner.clouds.sightlines import cells_of
 
 BLOCK = 1 << 19  # points read at once
 IN_CACHE = 1 << 15  # points moved at once, in a third of the time of a BLOCK
 FARTHEST = 1e12  # coordinates beyond are damage, and their squares would not fit
 MOST_POINTS = 2_000_000_000  # more than that is a damaged header
 MOST_SWELLING = 200  # times that a packed file may grow; real ones grow 3 to 20 times
+PLACE = np.radians(0.3)  # of rays that came back from nowhere, one is kept in each
 SMALL = 10_000  # [bytes] a file below this may swell as if it had them: packing has a fixed cost
 
 
@@ -30,6 +32,15 @@ class RawScan(NamedTuple):
     in_world: bool = False  # the reader took the points from the sensor's frame to the world by that pose
     frame: str | None = None  # "sensor" or "optical", where the format says what the frame of the sensor is
     taken: str | None = None  # when, as of `dates`; None where the format or the file does not say
+    # (K, 3) float32 unit vectors, in the sensor's frame, of rays that brought nothing back; None: the file tells none.
+    unseen: np.ndarray | None = None
+
+
+def few_of(direction: np.ndarray) -> np.ndarray:
+    """(k, 3) float32 unit vectors: of directions (K, 3) of any length one for each place, as patterns of rays have."""
+    length = np.linalg.norm(direction, axis=1)
+    unit = (direction[length > 0.0] / length[length > 0.0, None]).astype(np.float32)
+    return unit[np.unique(cells_of(unit, PLACE)[0], return_index=True)[1]] if len(unit) else unit
 
 
 def check_count(path: Path, count: int, least_bytes: float = 0.0) -> None:

@@ -50,6 +50,8 @@ class PointScan(NamedTuple):
     in_world: bool = False  # the file's points are in the sensor's frame, and were taken to the world by that pose
     frame: str | None = None  # "sensor" or "optical" where the file says what its points' own frame is; None: untold
     taken: str | None = None  # when, as of `dates`; None where the file does not say
+    # (K, 3) float32 unit vectors, in the sensor's frame, of rays that brought nothing back; None: the file tells none.
+    unseen: np.ndarray | None = None
 
 
 def read_scans(path: Path | str, topic: str | None = None, only: int | None = None) -> list[PointScan]:
@@ -134,7 +136,8 @@ def _checked(path: Path, raw: RawScan) -> PointScan:
         raise NoPoints(f"{path}: expected points in space, got {len(points)} times the same one")
     posed = raw.position is not None and np.isfinite(raw.position).all() and np.isfinite(raw.rotation).all()
     position, rotation = (raw.position, raw.rotation) if posed else (None, None)
-    return PointScan(points, position, rotation, (*remarks, *told), posed and raw.in_world, raw.frame, raw.taken)
+    in_world, unseen = posed and raw.in_world, raw.unseen if posed else None
+    return PointScan(points, position, rotation, (*remarks, *told), in_world, raw.frame, raw.taken, unseen)
 
 
 def _line(error: Exception) -> str:

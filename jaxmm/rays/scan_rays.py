@@ -34,7 +34,8 @@ class PosedScan(NamedTuple):
     points: np.ndarray  # (N, 3) float32 [m]
     position: np.ndarray  # (3,) float64 [m]
     rotation: np.ndarray  # (3, 3) float64 sensor frame to world
-    sensor: Sensor | None = None  # None: any; its view is then what its points span
+    sensor: Sensor | None = None  # None: any; its view is then what its points span, and rays that are known without
+    unseen: np.ndarray | None = None  # (K, 3) float32 unit vectors of those, in the sensor's frame; None: nobody knows
 
 
 class ScanRays(NamedTuple):
@@ -67,10 +68,16 @@ def rays_of_scan(scan: PosedScan, seed: int = 0, *, holes: bool = True) -> ScanR
         raise ValueError(f"no point is farther than {NEAREST} m from the sensor")
     reach = lengths(offset)
     direction, reach = (offset / reach[:, None]).astype(np.float32), reach.astype(np.float32)
-    pattern, spacing = _pattern(scan, direction)
-    measured = len(direction)
+    measured, unseen = len(direction), None
+    if scan.sensor is None and scan.unseen is not None and len(scan.unseen):
+        unseen = (scan.unseen @ scan.rotation.T).astype(np.float32)
+    pattern, spacing = _pattern(scan, direction if unseen is None else np.concatenate([direction, unseen]))
     if holes:
-        nothing = _wide(pattern[_empty(pattern, direction, HOLE * spacing)], direction, spacing)
+        nothing = pattern[_empty(pattern, direction, HOLE * spacing)]
+        if unseen is None:
+            nothing = _wide(nothing, direction, spacing)
+        else:
+            nothing = nothing[~_empty(nothing, unseen, HOLE * spacing)]
         direction = np.concatenate([direction, nothing])
         reach = np.concatenate([reach, np.full(len(nothing), np.inf, np.float32)])
     return ScanRays(

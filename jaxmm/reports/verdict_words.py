@@ -10,12 +10,14 @@ VERDICT_WORDS: dict[str, str] = {
     ),
     REMOVED: "The scan looked through the place where the model has the element: it is not there any more.",
     OCCLUDED: (
-        "The scanner was turned to the element, but other things stood in between, or too little of it was met to "
-        "tell. It may be there or not: look again, from the proposed viewpoint where there is one."
+        "The scanner was turned to the element, but other things stood in between, the rays toward it brought nothing "
+        "back, or too little of it was met to tell. It may be there or not: look again, from the proposed viewpoint "
+        "where there is one."
     ),
     UNSCANNED: (
-        "As the model has it, no ray of the scanner would reach the element: it is out of view or range, or behind "
-        "other parts of the building. Nothing is said of it."
+        "As the model has it, no ray that is known would reach the element: it is out of view or range, or behind "
+        "other parts of the building. Without --sensor, the view is what the points of the scan span, and rays that "
+        "its file tells to have brought nothing back. Nothing is said of it."
     ),
 }
 # Of a place of the model, in the order of evidence.FRACTIONS.

@@ -117,7 +117,7 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
         notes.append(f"its pose is estimated{by}, for a camera that sees {view}")
         pose = viewpoint.position, GivenPose(viewpoint.position, viewpoint.yaw, viewpoint.pitch).rotation
         deviation = tuple(float(value) for value in viewpoint.deviation)
-    placed = PosedScan(offsets, pose[0] - prior.origin, pose[1], sensor)
+    placed = PosedScan(offsets, pose[0] - prior.origin, pose[1], sensor, laid.unseen)
     _check_place(prior, placed, thin - prior.origin, source)
     return NamedScan(placed, name, len(scan.points), source, deviation, (*notes, *doubts), tuple(doubts))
 

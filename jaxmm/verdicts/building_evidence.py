@@ -13,6 +13,7 @@ from jaxmm.rays.hits import Hits, hits_of
 from jaxmm.rays.noise_model import Noise, noise_of, sigma_at
 from jaxmm.rays.pair_evidence import EVERY, FOOTPRINT, MOST_ANGLE
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, frame_of_rays, measured_points, rays_of_scan
+from jaxmm.rays.shared_ends import shared_ends
 from jaxmm.rays.tilted_ends import Met, tilted_ends
 from jaxmm.rays.views import Along, view_of_prior, view_of_robot
 from jaxmm.vectors import lengths
@@ -30,6 +31,7 @@ FILLED = np.radians(0.6)  # between directions along which a prior is known; a s
 LAYERS = 6  # of surfaces along a ray, those where it leaves something included
 BEYOND = 0.005  # [m] behind a surface, from where the next is looked for
 PASSES = (0.15, 0.02)  # [m], and of the range: a ray that ends so far behind a surface passes through it
+NOBODY = -2  # the element of which a ray tells that should meet one, and tells nothing of it
 FARTHEST = 2.0  # [m] beyond which the distance to the prior's surface is not looked for
 
 
@@ -44,6 +46,15 @@ class Sighting(NamedTuple):
     noise: Noise
     shown: np.ndarray  # (Q, 3) float32 [m] where the rays of the pattern meet the prior; NaN: nowhere
     reached: np.ndarray  # (E,) bool: elements that some ray of the pattern meets
+
+
+class Places(NamedTuple):
+    """Where rays meet the prior, K of them."""
+
+    points: np.ndarray  # (K, 3) float32 [m]
+    reach: np.ndarray  # (K,) float32 [m] from the sensor
+    element: np.ndarray  # (K,) int32
+    spacing: np.ndarray  # (K,) [rad] how far apart rays are around
 
 
 def passes(distance: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -121,19 +132,13 @@ def sight(prior: Prior, rays: ScanRays) -> Sighting:
     with np.errstate(invalid="ignore"):
         places = (rays.position + rays.pattern * reach[:, None].astype(np.float64)).astype(np.float32)
     places[np.isinf(reach)] = np.nan
-    reached = np.zeros(len(scene.triangles.semantic), bool)
-    reached[element[np.isfinite(reach)]] = True
     hit = np.flatnonzero(np.isfinite(reach))
-    kept = hit[thin_clouds([places[hit]], VOXEL)[0]]
+    seen = Places(places[hit], reach[hit], element[hit], _spacing_at(rays, hit))
+    seen = _with_all_met(scene, rays, expected, seen)
+    reached = np.bincount(seen.element, minlength=len(scene.triangles.semantic)) > 0
     measured = measured_points(rays)
     own = thin_clouds([measured], VOXEL)[0]
-    of_prior = _prior_view(
-        prior,
-        rays,
-        (expected, margin, noise),
-        (places[kept], reach[kept], element[kept], _spacing_at(rays, kept)),
-        measured[own],
-    )
+    of_prior = _prior_view(prior, rays, (expected, margin, noise), seen, measured[own])
     of_robot = _robot_view(scene, rays, (expected, margin, noise), (measured[own], own))
     frame = frame_of_rays(rays, *levels_of(scene, rays, measured, prior.building.storeys.elevation))
     return Sighting(
@@ -141,6 +146,29 @@ def sight(prior: Prior, rays: ScanRays) -> Sighting:
         frame,
         expected, margin, noise, places, reached,
     )  # fmt: skip
+
+
+def _with_all_met(scene: TriangleScene, rays: ScanRays, expected: Hits, seen: Places) -> Places:
+    """Places that the pattern shows, one a voxel, and as well a voxel at least of each element that any ray meets.
+
+    Of what is small the pattern's directions may meet nothing, and next to something else a voxel shows that alone.
+    """
+    count = len(scene.triangles.semantic)
+    met = np.flatnonzero((expected.element >= 0) & (expected.distance <= rays.limit))
+    met = met[np.bincount(seen.element, minlength=count)[expected.element[met]] == 0]
+    reach = expected.distance[met]
+    ends = (rays.position + rays.direction[met] * reach[:, None].astype(np.float64)).astype(np.float32)
+    every = Places(
+        np.concatenate([seen.points, ends]), np.concatenate([seen.reach, reach]),
+        np.concatenate([seen.element, expected.element[met]]),
+        np.concatenate([seen.spacing, np.full(len(met), rays.spacing)]),
+    )  # fmt: skip
+    kept = np.zeros(len(every.reach), bool)
+    kept[thin_clouds([seen.points], VOXEL)[0]] = True
+    lost = np.flatnonzero(np.bincount(every.element[kept], minlength=count)[every.element] == 0)
+    voxel = np.column_stack([every.element[lost], np.floor(every.points[lost] / VOXEL).astype(np.int64)])
+    kept[lost[np.unique(voxel, axis=0, return_index=True)[1]]] = True
+    return Places(*(field[kept] for field in every))
 
 
 def _spacing_at(rays: ScanRays, chosen: np.ndarray) -> np.ndarray:
@@ -161,7 +189,7 @@ def _prior_view(
     prior: Prior,
     rays: ScanRays,
     told: tuple[Hits, np.ndarray, Noise],
-    seen: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    seen: Places,
     robot: np.ndarray,
 ) -> View:
     """What the robot's rays say of points that the pattern shows of the prior."""
@@ -170,7 +198,6 @@ def _prior_view(
     angle = np.clip(FOOTPRINT / reach, 0.75 * spacing, np.maximum(MOST_ANGLE, 0.75 * spacing)).astype(np.float32)
     unused = np.zeros(len(reach), np.float32)
     targets = Targets(direction, reach, angle, unused, unused, element)
-    predicted = Predicted(expected.distance[None], expected.element[None], margin[None])
     met = Met(
         rays.distance, expected.distance, expected.element, expected.normal, margin, sigma_at(noise, expected.distance)
     )
@@ -178,6 +205,8 @@ def _prior_view(
     tilted = tilted_ends(rays.direction, met)
     other = tilted | _in_vacant_places(prior, rays, expected, margin)
     distance = np.where(other, expected.distance - 2.0 * margin, rays.distance).astype(np.float32)
+    shared = shared_ends(scene, rays.position, rays.direction, met._replace(distance=distance), rays.limit)
+    predicted = Predicted(expected.distance[None], np.where(shared, NOBODY, expected.element)[None], margin[None])
     found = look(sort_directions(rays.direction), distance[None], [targets], predicted)[0]
     cosine = hits_of(scene, rays.position, direction).cosine
     own = margins(cosine, sigma_at(noise, reach))

@@ -46,8 +46,10 @@ def toward_far_elements(prior: Prior, scan: PosedScan, rays: ScanRays, whole: Po
     met = cast_triangles(prior.scene, Rays(rays.position[None], rays.pattern))
     near = met.distance[0] <= rays.limit
     times = np.bincount(met.element[0][near & (met.element[0] >= 0)], minlength=len(prior.scene.triangles.semantic))
-    as_drawn = times * min(1.0, rays.measured / len(rays.pattern))
-    direction, element = _toward(prior, rays.position, np.flatnonzero(as_drawn < RARELY), spacing)
+    rare = np.flatnonzero(times * min(1.0, rays.measured / len(rays.pattern)) < RARELY)
+    drawn = cast_triangles(prior.scene, Rays(rays.position[None], rays.direction[: rays.measured])).element[0]
+    times += np.bincount(drawn[drawn >= 0], minlength=len(times))
+    direction, element = _toward(prior, rays.position, (rare, times[rare] > 0), spacing)
     if not len(direction):
         return rays
     found = cast_triangles(prior.scene, Rays(rays.position[None], direction))
@@ -70,20 +72,26 @@ def _between(direction: np.ndarray, count: int) -> float:
     return float(np.sqrt(covered / count))
 
 
-def _toward(prior: Prior, position: np.ndarray, rows: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors (M, 3) float32 over the view of some elements (n,) int, and the element (M,) of each."""
-    triangles = prior.scene.triangles
+def _toward(
+    prior: Prior, position: np.ndarray, asked: tuple[np.ndarray, np.ndarray], spacing: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (M, 3) float32 over the view of some elements, and the element (M,) of each.
+
+    `asked` are their rows (n,) int, and whether each is surely in sight (n,) bool: these come first, for of a large
+    model the near ones that are hidden would alone be too many.
+    """
+    triangles, (rows, in_sight) = prior.scene.triangles, asked
     order = np.argsort(triangles.element, kind="stable")
     starts = np.searchsorted(triangles.element[order], np.arange(len(triangles.semantic) + 1))
     views = []
-    for row in rows:
+    for row, is_first in zip(rows, in_sight, strict=True):
         faces = order[starts[row] : starts[row + 1]]
         if not len(faces):
             continue
         offset = triangles.vertices[np.unique(triangles.faces[faces])].astype(np.float64) - position
-        views.append((float(lengths(offset).min()), int(row), offset))
+        views.append((not is_first, float(lengths(offset).min()), int(row), offset))
     found, element, count = [np.zeros((0, 3), np.float32)], [np.zeros(0, int)], 0
-    for _, row, offset in sorted(views, key=lambda view: view[:2]):
+    for _, _, row, offset in sorted(views, key=lambda view: view[:3]):
         own = _grid(offset, spacing)
         count += len(own)
         if count > MOST_ADDED:

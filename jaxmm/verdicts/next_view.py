@@ -11,6 +11,7 @@ from jaxmm.rays.evidence import LEAST_COSINE
 from jaxmm.rays.scan_rays import NEAREST, PosedScan, ScanRays
 from jaxmm.vectors import lengths
 from warp_scanner.buildings.positions import element_around, inside
+from warp_scanner.clouds.sightlines import cells_of
 from warp_scanner.scenes.building import Building, element_bounds
 from warp_scanner.sensors.poses import rotation_of
 from warp_scanner.sensors.scan import Rays
@@ -28,6 +29,8 @@ CELL = 0.15  # [m] of the cells that obstacles fill
 ENDS = 0.3  # [m] next to an element within which nothing counts as an obstacle: points on it lie there
 MOST_PLACES = 400  # of one element
 AT_ONCE = 50  # places looked from together: the nearest ones mostly do
+CLOSER = 1.5  # times as near, from where on what a scan has looked at without telling of it is worth another look
+VIEW = np.radians(2.0)  # of the cells of directions that a scan looked along, at least
 
 View = tuple[np.ndarray, float, float]  # place (3,) [m], yaw and pitch [deg]
 
@@ -39,6 +42,15 @@ class Stand(NamedTuple):
     floor: float  # [m] of the floor beneath, as the scan has it
     reach: tuple[float, float]  # [m] least and greatest range
     sensor: Sensor | None = None  # None: any; it then looks wherever it is turned to
+    looked: np.ndarray | None = None  # (n,) int cells of directions that its rays went along; None: nobody knows
+    cell: float = VIEW  # [rad] of those
+
+    def has_looked(self, toward: np.ndarray) -> np.ndarray:
+        """(S,) bool: its rays went along directions (S, 3) of any length."""
+        if self.looked is None:
+            return np.zeros(len(toward), bool)
+        unit = toward / np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-9)
+        return np.isin(cells_of(unit, self.cell)[0], self.looked)
 
 
 class Stage(NamedTuple):
@@ -54,7 +66,8 @@ def stand_of(scan: PosedScan, rays: ScanRays, floor: float) -> Stand:
     """Of one scan; a sensor of which no range is known reaches as far as it did there."""
     near = scan.sensor.range_limits[0] if scan.sensor is not None else NEAREST
     far = rays.limit if np.isfinite(rays.limit) else float(rays.distance[: rays.measured].max())
-    return Stand(rays.position, floor, (near, far), scan.sensor)
+    cell = max(VIEW, 2.0 * rays.spacing)
+    return Stand(rays.position, floor, (near, far), scan.sensor, np.unique(cells_of(rays.pattern, cell)[0]), cell)
 
 
 def next_views(stage: Stage, elements: np.ndarray) -> list[View | None]:
@@ -62,8 +75,9 @@ def next_views(stage: Stage, elements: np.ndarray) -> list[View | None]:
 
     From there the sensor of that scan faces the element; a spinning one stands level. A place would do when straight
     lines from it reach at least 0.3 of the element's points within the sensor's range and not at a grazing angle,
-    hindered neither by the building nor by what a robot saw standing around, and 0.1 of them lie in its view. Where
-    none does, there is None. Nearest is as the crow flies: what lies between is not looked at.
+    hindered neither by the building nor by what a robot saw standing around, and 0.1 of them lie in its view. Points
+    that a scan has looked at in the same way told nothing, and count only from much nearer by. Where no place would do,
+    there is None. Nearest is as the crow flies: what lies between is not looked at.
     """
     if not len(elements):
         return []
@@ -158,14 +172,11 @@ def _outside_all(building: Building, places: np.ndarray) -> np.ndarray:
 
 def _view_of(stage: Stage, element: int, near: tuple[np.ndarray, np.ndarray], blocked: np.ndarray) -> View | None:
     (points, normals), limits = _samples(stage, element), np.array([stand.reach for stand in stage.stands])
+    known = _looked_at(stage, element, (points, normals), blocked) / CLOSER
     for start in range(0, len(near[0]), AT_ONCE):
         places, stand = (values[start : start + AT_ONCE] for values in near)
-        toward = points[None] - places[:, None]
-        reach = np.linalg.norm(toward, axis=2)
-        rays = Rays(places, (toward / reach[..., None]).astype(np.float32))
-        least, most = limits[stand].T[..., None]
-        shown = (cast_triangles(stage.scene, rays).element == element) & (reach >= least) & (reach <= most)
-        shown &= np.abs((toward * normals).sum(axis=2)) >= LEAST_COSINE * reach
+        toward, reach, shown = _shown_from(stage, element, (points, normals), places, limits[stand])
+        shown &= reach < known
         good = np.flatnonzero(shown.mean(axis=1) >= LEAST_SHOWN)
         shown[good] &= ~_hindered(places[good], toward[good], reach[good], blocked)
         for place in good[shown[good].mean(axis=1) >= LEAST_SHOWN]:
@@ -173,6 +184,31 @@ def _view_of(stage: Stage, element: int, near: tuple[np.ndarray, np.ndarray], bl
             if view is not None:
                 return view
     return None
+
+
+def _shown_from(
+    stage: Stage, element: int, samples: tuple[np.ndarray, np.ndarray], places: np.ndarray, limits: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each place (C, 3) the way (C, S, 3) and distance (C, S) [m] to samples, and whether the building shows them.
+
+    `limits` (C, 2) [m] are the least and the greatest range of the sensor there.
+    """
+    points, normals = samples
+    toward = points[None] - places[:, None]
+    reach = np.linalg.norm(toward, axis=2)
+    rays = Rays(places, (toward / reach[..., None]).astype(np.float32))
+    least, most = limits.T[..., None]
+    shown = (cast_triangles(stage.scene, rays).element == element) & (reach >= least) & (reach <= most)
+    return toward, reach, shown & (np.abs((toward * normals).sum(axis=2)) >= LEAST_COSINE * reach)
+
+
+def _looked_at(stage: Stage, element: int, samples: tuple[np.ndarray, np.ndarray], blocked: np.ndarray) -> np.ndarray:
+    """(S,) [m] from how near some scan has looked at samples, hindered by nothing that is known; inf: none has."""
+    places, limits = (np.array([getattr(one, name) for one in stage.stands]) for name in ("position", "reach"))
+    toward, reach, shown = _shown_from(stage, element, samples, places, limits)
+    shown &= np.array([one.has_looked(way) for one, way in zip(stage.stands, toward, strict=True)])
+    shown &= ~_hindered(places, toward, reach, blocked)
+    return np.where(shown, reach, np.inf).min(axis=0)
 
 
 def _facing(sensor: Sensor | None, place: np.ndarray, points: np.ndarray) -> View | None:

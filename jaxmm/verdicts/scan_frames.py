@@ -65,6 +65,7 @@ class OwnScan(NamedTuple):
     notes: tuple[str, ...] = ()  # how its pose was searched
     otherwise: "OwnScan | None" = None  # the same, moved by the pose in its file, which does not say if that is right
     motion: Motion = STILL  # of its points, in the file's unit: from the file's frame to its own
+    unseen: np.ndarray | None = None  # (K, 3) float32 unit vectors, in the sensor's frame, that brought nothing back
 
     @property
     def thin(self) -> np.ndarray:
@@ -155,8 +156,12 @@ def _own_scan(scan: PointScan, given: GivenPose | None, frame: str, motion: Moti
             motion = motion.then(to_sensor(scan))
         elif not carried and not scan.in_world:
             motion = motion.then(Motion(rotation, position))
-    stated = scan.position if source == "given" and frame == "world" else None
-    return OwnScan(scan.points, position, rotation, source, carried, stated, scan.in_world, motion=motion)
+    stated, unseen = scan.position if source == "given" and frame == "world" else None, scan.unseen
+    if unseen is not None and stated is not None:  # its points stay as the pose in the file has them, and so do these
+        unseen = (unseen @ (scan.rotation.T @ rotation)).astype(np.float32)
+    return OwnScan(
+        scan.points, position, rotation, source, carried, stated, scan.in_world, motion=motion, unseen=unseen
+    )  # fmt: skip
 
 
 def to_sensor(scan: PointScan) -> Motion:
@@ -259,8 +264,9 @@ def _on(scan: OwnScan, distances: Sequence[Distance], unit: float | None) -> flo
 def _as_sensor(scan: PointScan) -> tuple[PointScan, Motion]:
     """A scan whose own frame is optical, as if it were the sensor's once a motion took its points there."""
     rotation = None if scan.rotation is None else scan.rotation @ OPTICAL.T
+    unseen = None if scan.unseen is None else (scan.unseen @ OPTICAL.T).astype(np.float32)
     # In the world only the rotation is still of that frame.
-    return scan._replace(rotation=rotation), STILL if scan.in_world else Motion(OPTICAL)
+    return scan._replace(rotation=rotation, unseen=unseen), STILL if scan.in_world else Motion(OPTICAL)
 
 
 def _as_seen(scan: PointScan) -> PointScan:

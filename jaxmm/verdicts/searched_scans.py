@@ -71,7 +71,9 @@ def _searched(prior: Prior, scan: PointScan, frame: str, unit: float | None) -> 
         note += f"; {place.gone} of the elements in view counted as gone for it"
     motion = motion.then(Motion(unit * np.eye(3)))
     position = place.position + prior.origin
-    return OwnScan(scan.points, position, place.rotation, "searched", True, notes=(*told, note), motion=motion)
+    return OwnScan(
+        scan.points, position, place.rotation, "searched", True, notes=(*told, note), motion=motion, unseen=scan.unseen
+    )  # fmt: skip
 
 
 def to_own_frame(scan: PointScan, frame: str) -> Motion:

@@ -228,7 +228,7 @@ def telling_station(context: Context, shelf: Shelf, others: np.ndarray, gone: np
 
 
 def _bare(scan: PosedScan) -> PosedScan:
-    return scan._replace(points=np.zeros((0, 3), np.float32))
+    return scan._replace(points=np.zeros((0, 3), np.float32), unseen=None)
 
 
 def looked_of(shelf: Shelf) -> Looked:

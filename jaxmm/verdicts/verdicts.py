@@ -21,6 +21,8 @@ PRESENT, DISPLACED, REMOVED, OCCLUDED, UNSCANNED = VERDICTS = (
 )  # fmt: skip
 STANDS = 0.2  # share of the rays that tell of a removed element, that end on it: from here on a part of it may stand
 MANY = 500  # rays that tell, from which on those that bring nothing back hide nothing
+# Nor do they where so many times the least rays pass, and no larger share of those that tell ends on the element.
+SURELY, EMPTY = 3, 0.05
 MOST_SURE = 12.0  # logit beyond which one scan is not trusted
 # Shares of an element's rays that go through, up to which its points' doubts count as much, and from which not at all.
 DOUBTED, UNDOUBTED = 0.8, 0.9
@@ -153,14 +155,16 @@ def of_parts(parts: Sequence[Verdict], change_prior: float) -> Verdict:
     """The verdict of a whole by those of its parts, at least one; points and rays are of all of them together.
 
     It stands off its place if all do that can be told. P(removed) is that of the part which stands most surely: were
-    another as sure, the whole would be no likelier gone.
+    another as sure, the whole would be no likelier gone. Where less than half of the parts are told, all of these gone,
+    the rest may stand or not.
     """
     seen = [one for one in parts if one.verdict in (PRESENT, DISPLACED, REMOVED)]
-    if seen:
+    few = 2 * len(seen) < len(parts) and all(one.verdict == REMOVED for one in seen)
+    if seen and not few:
         verdict = seen[0].verdict if len({one.verdict for one in seen}) == 1 else PRESENT
         probability = min(one.probability for one in seen)
     else:
-        verdict = OCCLUDED if any(one.verdict == OCCLUDED for one in parts) else UNSCANNED
+        verdict = UNSCANNED if all(one.verdict == UNSCANNED for one in parts) else OCCLUDED
         probability = change_prior
     rays = np.sum([one.rays for one in parts], axis=0)
     return Verdict(verdict, probability, sum(one.points for one in parts), tuple(int(value) for value in rays))
@@ -189,7 +193,9 @@ def pieces_together(building: Building, verdicts: Sequence[Verdict], settings: V
         share = (through + 0.5) / (through + support + 1.0)
         is_gone = share >= LEAST_OF_REMOVED
         known = is_gone or share <= MOST_OF_PRESENT
-        if whole.verdict != OCCLUDED or not known or not is_seen(np.array([whole.rays]), settings)[0]:
+        if not known or any(found[row].verdict not in (OCCLUDED, UNSCANNED) for row in rows):
+            continue
+        if not is_seen(np.array([whole.rays]), settings)[0]:
             continue
         for row in rows:
             if found[row].rays[THROUGH] + found[row].rays[SUPPORT]:
@@ -210,11 +216,19 @@ def within(whole: Pieced, others: Sequence[Pieced]) -> list[Pieced]:
 def is_seen(rays: np.ndarray, settings: VerdictSettings) -> np.ndarray:
     """(E,) bool: whether enough of the rays (E, 4) went through an element or ended on it to tell.
 
-    Where an outer wall is gone most rays come back from nowhere: where many tell, those are not asked for a share.
+    Where an outer wall is gone most rays come back from nowhere: where many tell, or all say that nothing is there,
+    those are not asked for a share.
     """
     tells, back = _told_and_back(rays)
-    many = (tells >= MANY) & is_enough(tells, back, settings)
-    return many | is_enough(tells, back + rays[:, UNSEEN], settings)
+    alone = _needs_no_share(rays, settings) & is_enough(tells, back, settings)
+    return alone | is_enough(tells, back + rays[:, UNSEEN], settings)
+
+
+def _needs_no_share(rays: np.ndarray, settings: VerdictSettings) -> np.ndarray:
+    """(E,) bool: of the rays (E, 4) so many tell, or all of them the same, that those without a return hide nothing."""
+    tells, _ = _told_and_back(rays)
+    is_empty = (rays[:, THROUGH] >= SURELY * settings.least_rays) & (rays[:, SUPPORT] <= EMPTY * tells)
+    return (tells >= MANY) | is_empty
 
 
 def is_enough(tells: np.ndarray, meant: np.ndarray, settings: VerdictSettings) -> np.ndarray:
@@ -226,7 +240,7 @@ def _counts(told: list[Told], settings: VerdictSettings) -> list[np.ndarray]:
     """Of each scan (E,) bool: whether what it tells of an element counts."""
     alone = [is_seen(one.rays, settings) for one in told]
     none, total = ~np.any(alone, axis=0), sum(one.rays for one in told)
-    together = none & (total[:, [THROUGH, SUPPORT]].sum(axis=1) >= MANY) & is_seen(total, settings)
+    together = none & _needs_no_share(total, settings) & is_seen(total, settings)
     if not together.any():
         return alone
     enough = [is_enough(*_told_and_back(one.rays), settings) for one in told]

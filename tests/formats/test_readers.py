@@ -213,3 +213,19 @@ def test_points_that_are_left_out_anywhere_leave_all_others_in_their_order(tmp_p
     (found,) = read_scans(tmp_path / "a.npy")
     np.testing.assert_array_equal(found.points, POINTS[~lost])
     assert f"{lost.sum()} of 300 points" in found.remarks[0]
+
+
+def test_rays_of_an_npz_file_that_brought_nothing_back_are_known(tmp_path):
+    """One in each place, in the sensor's frame; directions that are none are none of them."""
+    scan = scan_of(POSE)
+    scan.directions[7] = scan.directions[0]  # of two in one place one is enough
+    scan.directions[14] = np.nan
+    scan.directions[21] *= 3.0
+    writers.write_scan(tmp_path / "a.npz", scan)
+    (found,) = read_scans(tmp_path / "a.npz")
+    wanted = scan.directions[~np.isfinite(scan.distance)]
+    wanted = np.delete(wanted, [1, 2], axis=0)
+    wanted /= np.linalg.norm(wanted, axis=1, keepdims=True)
+    assert found.unseen.dtype == np.float32 and len(found.unseen) == len(wanted)
+    apart = np.linalg.norm(found.unseen[:, None] - wanted[None], axis=2)
+    assert apart.min(axis=0).max() < 1e-6 and len(np.unique(apart.argmin(axis=1))) == len(wanted)

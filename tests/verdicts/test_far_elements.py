@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 
+from jaxmm.rays.hits import hits_of
 from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
+from jaxmm.verdicts import far_elements
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.far_elements import spacing_of, toward_far_elements
 from jaxmm.verdicts.priors import prior_of_building
+from jaxmm.verdicts.station_steps import look_at
 from jaxmm.verdicts.verdicts import PRESENT, REMOVED, VerdictSettings
 from tests.cases.box_building import building_of
 from tests.cases.exact_poses import AS_IS, named
-from warp_scanner.scenes.scenes import CEILING, FLOOR, PILLAR, WALL
+from warp_scanner.scenes.scenes import CEILING, FLOOR, FURNITURE, PILLAR, WALL
 from warp_scanner.sensors.poses import rotation_of
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import OUSTER_64, PRESETS
@@ -109,3 +112,44 @@ def test_what_stands_far_away_is_told_standing_and_what_is_gone_removed(judges, 
         else:
             assert found[guid] != (PRESENT if number in GONE else REMOVED)
     assert told >= (13 if sensor is TLS else 7)
+
+
+def test_of_what_is_in_sight_all_rays_are_there_however_many_near_things_are_hidden(monkeypatch):
+    """Behind a wall stand more pillars, nearer by, than directions are added for."""
+    monkeypatch.setattr(far_elements, "MOST_ADDED", 3000)
+    hidden = tuple(((x, 5.0 + y, 1.0), (0.02, 0.02, 1.0), PILLAR) for x in np.arange(1.0, 6.0, 0.1) for y in (0.0, 0.3))
+    screen, far = ((3.5, 4.0, 2.5), (3.5, 0.05, 2.5), WALL), STAND[8:12]
+    boxes = (*SHELL, screen, *far, *hidden)
+    prior = prior_of_building(building_of(boxes))
+    direction = TLS.directions()
+    met = cast_triangles(prior.scene, Rays(PLACE[None], direction))
+    points = (PLACE + direction * met.distance[0][:, None].astype(np.float64)).astype(np.float32)
+    scan = PosedScan(points[np.isfinite(points).all(axis=1)], PLACE, np.eye(3), TLS)
+    more = toward_far_elements(prior, scan, rays_of_scan(scan))
+    rows = slice(len(SHELL) + 1, len(SHELL) + 1 + len(far))
+    now = cast_triangles(prior.scene, Rays(PLACE[None], more.direction[: more.measured])).element[0]
+    own, now = (np.bincount(one[one >= 0], minlength=len(boxes))[rows] for one in (met.element[0], now))
+    assert np.all(own > LEAST) and np.all(now >= 0.9 * own)
+
+
+def test_every_element_that_rays_meet_gets_its_count(judges):
+    """Small things on a wall, between the directions of the pattern, or in one voxel with what is larger."""
+    rng = np.random.default_rng(3)
+    wall = ((6.1, 0.0, 2.5), (0.1, 6.0, 2.5), WALL)
+    edge = rng.uniform(0.004, 0.03, (40, 3))
+    things = tuple(
+        ((6.0 - size[0], y, z), tuple(size), FURNITURE)
+        for size, y, z in zip(edge, rng.uniform(-4, 4, 40), rng.uniform(0.3, 4.0, 40), strict=True)
+    )
+    boxes = (*SHELL[:2], wall, *things)
+    prior = prior_of_building(building_of(boxes))
+    direction = OUSTER_64.directions()
+    met = cast_triangles(prior.scene, Rays(PLACE[None], direction))
+    back = np.isfinite(met.distance[0])
+    points = (PLACE + direction[back] * met.distance[0][back, None].astype(np.float64)).astype(np.float32)
+    for sensor in (OUSTER_64, None):
+        looked, told = look_at(prior, rays_of_scan(PosedScan(points, PLACE, np.eye(3), sensor)), judges)
+        expected = hits_of(prior.scene, PLACE, looked.rays.direction).element
+        rays = np.bincount(expected[expected >= 0], minlength=len(boxes))
+        assert 10 < np.sum(rays[3:] > 0) and np.sum(rays[3:] == 0) > 0
+        assert np.all((told.rays.sum(axis=1) > 0) == (rays > 0)) and np.all(told.scanned[rays > 0])

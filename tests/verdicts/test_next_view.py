@@ -10,10 +10,11 @@ from jaxmm.verdicts import next_view
 from jaxmm.verdicts.next_view import GAP, REACH, Stage, Stand, next_views, stand_of
 from tests.cases.box_building import building_of
 from warp_scanner.buildings.positions import element_around
+from warp_scanner.clouds.sightlines import cells_of
 from warp_scanner.scenes.scenes import CEILING, FLOOR, PILLAR, WALL
 from warp_scanner.sensors.poses import rotation_of
 from warp_scanner.sensors.scan import Rays
-from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, VELODYNE_16, Pinhole
+from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, TLS, VELODYNE_16, Pinhole
 from warp_scanner.sensors.triangles import cast_triangles, clearance, prepare
 
 SENSOR = np.array([-3.0, 0.0, 1.2])
@@ -259,3 +260,29 @@ def test_a_large_building_is_not_asked_triangle_by_triangle_for_every_place(monk
     np.testing.assert_array_equal(next_view._outside_all(building, places), expected)
     assert 8 <= expected.count(False) < len(places)
     assert sum(asked) < 0.01 * len(building.triangles.faces) * len(places)
+
+
+def test_a_place_that_a_scan_has_looked_from_in_vain_shows_nothing_new():
+    """What looks around saw all of the wall's face: only one much nearer by, or one behind it, tells more. A camera
+    that looked the other way did not see it, and may turn."""
+    everywhere = TLS.directions()[::7]
+    boxes = (*HALL, ((3, 0, 1.5), (0.05, 1.2, 1.5), WALL))
+    around, ahead = (
+        Stand(SENSOR, 0.0, ANY, None, np.unique(cells_of(way.astype(np.float32), 0.05)[0]), 0.05)
+        for way in (everywhere, everywhere[everywhere[:, 0] < -0.5])
+    )
+    ((place, _, _),) = next_views(stage(boxes, (around,)), np.array([2]))
+    assert place[0] > 3.05 or np.linalg.norm(place[:2] - [3, 0]) < 6.0 / next_view.CLOSER + 0.3
+    ((same, _, _),) = next_views(stage(boxes, (ahead,)), np.array([2]))
+    np.testing.assert_allclose(same, SENSOR, atol=0.02)
+    every = tuple(around._replace(position=np.array([x, y, 1.2])) for x in (2.4, 3.6) for y in (-1.0, 0.0, 1.0))
+    assert next_views(stage(boxes, every), np.array([2])) == [None]
+
+
+def test_what_a_scan_looked_along_is_told_by_its_pattern():
+    sensor = OAK_D_PRO_SMALL
+    points = (SENSOR + sensor.directions() * 2.0).astype(np.float32)
+    scan = PosedScan(points, SENSOR, np.eye(3), sensor)
+    own = stand_of(scan, rays_of_scan(scan), 0.0)
+    ways = np.array([[5.0, 0.0, 0.0], [5.0, 1.0, 0.5], [-5.0, 0.0, 0.0], [0.0, 3.0, 0.0]])
+    assert own.has_looked(ways).tolist() == [True, True, False, False]

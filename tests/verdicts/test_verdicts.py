@@ -24,7 +24,10 @@ def told(rays, probability, scanned=True):
         pytest.param([[1505, 9, 0, 429]], 0.006, REMOVED, id="an outer wall: hardly any ray ended on it"),
         pytest.param([[1400, 90, 0, 28000]], 0.0001, REMOVED, id="an outer wall, behind which little comes back"),
         pytest.param([[823, 0, 69, 31780]], 0.5, REMOVED, id="an outer wall, behind which next to nothing comes back"),
-        pytest.param([[485, 1, 28, 25649]], 0.5, OCCLUDED, id="too few to tell where nothing comes back"),
+        pytest.param([[485, 1, 28, 25649]], 0.5, REMOVED, id="an outer wall: some pass, and none ends on it"),
+        pytest.param([[440, 30, 28, 25649]], 0.5, OCCLUDED, id="some end on it where nothing comes back"),
+        pytest.param([[55, 0, 28, 25649]], 0.5, OCCLUDED, id="too few to tell where nothing comes back"),
+        pytest.param([[85, 0, 2900, 0]], 0.9, OCCLUDED, id="some pass, and nearly all end before it"),
         pytest.param([[823, 0, 31780, 69]], 0.9, OCCLUDED, id="a small share, most of it hidden"),
         pytest.param([[3, 823, 69, 31780]], 0.5, PRESENT, id="many end on it, and nothing else comes back"),
         pytest.param([[560, 310, 770, 0]], 0.02, PRESENT, id="errors send many rays through, and the network knows"),
@@ -95,18 +98,16 @@ def test_two_hidden_halves_are_enough_together_only_where_one_is_enough_alone():
     assert verdicts_of([half, half])[0].verdict == OCCLUDED
 
 
-@pytest.mark.parametrize(("each", "expected"), [(210, REMOVED), (150, OCCLUDED)])
-def test_many_rays_tell_whether_they_are_of_one_scan_or_of_three(each, expected):
+@pytest.mark.parametrize(
+    ("each", "gone", "there"), [(210, REMOVED, PRESENT), (150, REMOVED, OCCLUDED), (15, OCCLUDED, OCCLUDED)]
+)
+def test_many_rays_tell_whether_they_are_of_one_scan_or_of_three(each, gone, there):
     """Of an outer wall, behind which next to nothing comes back."""
-    (found,) = verdicts_of([told([[each, 0, 20, 9000]], 0.5)] * 3)
-    assert found.verdict == expected
-    (hidden,) = verdicts_of([told([[each, 0, 9000, 20]], 0.9)] * 3)
-    assert hidden.verdict == OCCLUDED
-    stands, (gone,) = (
-        verdicts_of([told([[0, each, 20, 9000]], 0.5)] * 3),
-        verdicts_of([told([[3 * each, 0, 60, 27000]], 0.5)]),
-    )
-    assert stands[0].verdict == (PRESENT if expected == REMOVED else OCCLUDED) and gone.verdict == expected
+    cases = (([each, 0, 20, 9000], gone), ([0, each, 20, 9000], there), ([each, 0, 9000, 20], OCCLUDED))
+    for rays, expected in cases:
+        (three,) = verdicts_of([told([rays], 0.5)] * 3)
+        (one,) = verdicts_of([told([(3 * np.array(rays)).tolist()], 0.5)])
+        assert three.verdict == one.verdict == expected
 
 
 def test_shapes_that_disagree_are_refused():

@@ -34,10 +34,11 @@ def verdict(name):
 
 
 def test_a_whole_is_gone_only_if_all_parts_that_tell_are():
-    for names in itertools.chain.from_iterable(itertools.product(VERDICTS, repeat=count) for count in (1, 2, 3)):
+    for names in itertools.chain.from_iterable(itertools.product(VERDICTS, repeat=count) for count in (1, 2, 3, 4)):
         whole = of_parts([verdict(name) for name in names], 0.02)
         tell = set(names) & {PRESENT, DISPLACED, REMOVED}
-        assert (whole.verdict == REMOVED) == (tell == {REMOVED}), names
+        told = sum(name in tell for name in names)
+        assert (whole.verdict == REMOVED) == (tell == {REMOVED} and 2 * told >= len(names)), names
         assert (whole.verdict == DISPLACED) == (tell == {DISPLACED}), names
         assert (whole.verdict == PRESENT) == (PRESENT in tell or len(tell) == 2), names
         assert (whole.verdict == UNSCANNED) == (set(names) == {UNSCANNED})
