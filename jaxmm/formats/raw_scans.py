@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.inputs import InputError
+from jaxmm.vectors import lengths
 from warp_scanner.clouds.sightlines import cells_of
 
 BLOCK = 1 << 19  # points read at once
@@ -38,7 +39,7 @@ class RawScan(NamedTuple):
 
 def few_of(direction: np.ndarray) -> np.ndarray:
     """(k, 3) float32 unit vectors: of directions (K, 3) of any length one for each place, as patterns of rays have."""
-    length = np.linalg.norm(direction, axis=1)
+    length = lengths(direction)
     unit = (direction[length > 0.0] / length[length > 0.0, None]).astype(np.float32)
     return unit[np.unique(cells_of(unit, PLACE)[0], return_index=True)[1]] if len(unit) else unit
 

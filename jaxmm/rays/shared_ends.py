@@ -20,7 +20,7 @@ from warp_scanner.sensors.triangles import TriangleScene, cast_triangles
 
 LEAST_OWN = 20  # rays that should end on what is an element's alone
 EMPTY = 0.1  # share of them that may end there though it is gone
-MISSED = 0.1  # share of an element's rays that bring nothing back, or end behind it: with fewer it is not asked
+MISSED = 0.03  # share of an element's rays that bring nothing back, or end behind it: with fewer it is not asked
 
 
 def shared_rays(scene: TriangleScene, rays: ScanRays, expected: Hits) -> np.ndarray:

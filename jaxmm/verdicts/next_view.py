@@ -49,7 +49,7 @@ class Stand(NamedTuple):
         """(S,) bool: its rays went along directions (S, 3) of any length."""
         if self.looked is None:
             return np.zeros(len(toward), bool)
-        unit = toward / np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-9)
+        unit = toward / np.maximum(lengths(toward), 1e-9)[:, None]
         return np.isin(cells_of(unit, self.cell)[0], self.looked)
 
 
