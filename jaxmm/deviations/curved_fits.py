@@ -76,6 +76,8 @@ def fits_of_curved(body: Meetings) -> list[Fit]:
     # How it leans: what is left, as it grows with the height.
     both = np.linalg.lstsq(np.column_stack([ways[on], ways[on] * up[:, None]]), apart[on], rcond=None)[0]
     shift, lean, high = shift + both[:2], both[2:], max(float(up.std()), LEAST_EXTENT)
+    if np.linalg.norm(shift) > MOST_OFF:
+        return []  # of a round body that stands so far off it tells nothing
     left, found = _laid(body, circle, shift)[1], []
     for told, way in zip(square[::-1], axes.T[::-1], strict=True):
         if told < LEAST_TOLD * square[-1]:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.deviations.curved_fits import fits_of_curved
-from jaxmm.deviations.element_motion import Motion, Seen, motion_of, telling
+from jaxmm.deviations.element_motion import Motion, Seen, motion_of, telling, told_by_others
 from jaxmm.deviations.fits import CUT, Fit, cells_of, fit_of
 from jaxmm.deviations.heights import Heights, heights_of
 from jaxmm.deviations.meetings import STEEP, Meetings, groups_of, meetings_of
@@ -162,7 +162,7 @@ def faces_of(
     met = meetings_of(scene, rays, own, clear)
     found = fits_of(scene, met, columns_of(scene))
     poses = pose_errors([fit for _, fit in found], rays.position, trust)
-    seen = seen_of_each(found, poses[0], rays.position)
+    seen = seen_of_each(found, poses, rays.position)
     return Faces(rays.position, poses, seen, heights_of(scene.triangles, met), met_at_ends(scene, met))
 
 
@@ -189,12 +189,12 @@ def by_element(shown: list[Faces]) -> dict[int, list[Seen]]:
     return faces
 
 
-def seen_of_each(found: list[tuple[Meetings, Fit]], pose: PoseError, sensor: np.ndarray) -> list[Seen]:
+def seen_of_each(found: list[tuple[Meetings, Fit]], poses: list[PoseError], sensor: np.ndarray) -> list[Seen]:
     """Fitted faces of one scan, their rays summed up; each where the faces of all other elements have the pose."""
     own: dict[int, list[Fit]] = {}
     for group, fit in found:
         own.setdefault(int(group.element[0]), []).append(fit)
-    by = {element: pose.without(fits, sensor)[0] for element, fits in own.items()}
+    by = {element: told_by_others(fits, poses, sensor)[0][0] for element, fits in own.items()}
     return [_seen_of(group, fit, by[int(group.element[0])], sensor) for group, fit in found]
 
 

@@ -246,19 +246,24 @@ def _left_of(
 
 
 def _loose(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.ndarray]) -> dict[int, list[Loose]]:
-    """By scan, and by each pose that it may have: what all faces but the element's own tell of it.
+    """What all faces but the element's own tell of the pose of each scan."""
+    return {
+        scan: told_by_others([one.fit for one in seen if one.scan == scan], poses[scan], sensors[scan])
+        for scan in {one.scan for one in seen}
+    }
+
+
+def told_by_others(own: list[Fit], poses: list[PoseError], sensor: np.ndarray) -> list[Loose]:
+    """By each pose that a scan may have: what all faces but those of one element tell of it.
 
     Of two walls of which one moved, each pose has one in its place, and no witness of that one but itself: it is
     believed where the other pose tells what it is if not.
     """
-    known: dict[int, list[Loose]] = {}
-    for scan in {one.scan for one in seen}:
-        own, sensor = [one.fit for one in seen if one.scan == scan], sensors[scan]
-        found = known[scan] = [one.without(own, sensor) for one in poses[scan]]
-        if len(found) > 1:
-            arms = np.stack([rows_of(fit, sensor)[1][0] for fit in own])
-            is_open = [np.einsum("fi,ij,fj->f", arms, spread, arms).max() > FIXED**2 for _, spread in found]
-            if not all(is_open):
-                for number in np.flatnonzero(is_open):
-                    found[number] = poses[scan][number].without([], sensor)
-    return known
+    found = [one.without(own, sensor) for one in poses]
+    if len(found) > 1:
+        arms = np.stack([rows_of(fit, sensor)[1][0] for fit in own])
+        is_open = [np.einsum("fi,ij,fj->f", arms, spread, arms).max() > FIXED**2 for _, spread in found]
+        if not all(is_open):
+            for number in np.flatnonzero(is_open):
+                found[number] = poses[number].without([], sensor)
+    return found

@@ -125,7 +125,8 @@ def _patches(chosen: np.ndarray, before: np.ndarray, cell: np.ndarray) -> np.nda
 def _plane_behind(group: Meetings, place: np.ndarray, cell: np.ndarray, high: float) -> np.ndarray | None:
     """(K,) bool: rays about the plane that most of them end on, or about one behind it that shows beside it.
 
-    A cupboard may hide nearly all of a wall, but does not reach up to its head [m]: what does is the wall.
+    A cupboard may hide nearly all of a wall, but does not reach up to its head [m]: what does is the wall. So is what
+    lies behind the wall's place: no cupboard is so flat that its front does.
     """
     found, among = None, np.arange(len(group.off))
     while len(among) >= max(LEAST_RAYS, LEAST_BESIDE * len(group.off)):
@@ -133,7 +134,7 @@ def _plane_behind(group: Meetings, place: np.ndarray, cell: np.ndarray, high: fl
         if on is None or not _is_wide(place[among[on]]):
             break
         found = among[on]
-        if group.end[found, 2].max() >= high:
+        if group.end[found, 2].max() >= high or np.median(group.off[found]) < 0.0:
             break
         plane = np.linalg.lstsq(np.column_stack([np.ones(len(found)), place[found]]), group.off[found], rcond=None)[0]
         behind = np.zeros(len(cell), bool)

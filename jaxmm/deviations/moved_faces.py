@@ -33,4 +33,4 @@ def faces_of_moved(
     found = fits_of(scene, met.of(np.isin(met.element, rows)), columns_of(scene))
     # No such face had a vote: what stands beside its place has none there.
     poses = [one._replace(voted=False) for one in poses]
-    return Faces(rays.position, poses, seen_of_each(found, poses[0], rays.position), heights_of(scene.triangles, met))
+    return Faces(rays.position, poses, seen_of_each(found, poses, rays.position), heights_of(scene.triangles, met))

@@ -6,6 +6,7 @@ import trimesh
 
 from jaxmm.deviations import fits
 from jaxmm.deviations.deviation import deviations_by, deviations_of, faces_of
+from jaxmm.deviations.meetings import Meetings
 from jaxmm.deviations.moved_faces import faces_of_moved
 from jaxmm.deviations.pose_errors import EXACT, HELD, KEPT, REGISTERED
 from jaxmm.rays.own_ranges import own_ranges
@@ -224,3 +225,16 @@ def test_of_what_had_no_vote_the_same_is_shown_as_of_all():
     found, whole = (deviations_by(model, [one], tolerance) for one in (some, every))
     assert found == {FREE: whole[FREE]}
     np.testing.assert_array_equal(some.heights.rays, every.heights.rays)
+
+
+@pytest.mark.parametrize("by, told_at", [(-0.14, -0.14), (0.14, -0.02)])
+def test_what_lies_behind_the_place_of_a_wall_is_no_cupboard_before_it(by, told_at):
+    """Of a high wall the foot shows, at one level, and beside that a little farther behind."""
+    rng, count = np.random.default_rng(0), 2000
+    end = np.column_stack([np.zeros(count), rng.uniform(-1.0, 1.0, count), rng.uniform(0.2, 1.2, count)])
+    off = np.where(end[:, 1] > 0.9, -0.02 if by > 0.0 else -0.3, by) + rng.normal(0.0, 0.002, count)
+    sensor, normal = np.array([3.0, 0.0, 1.0]), np.tile([1.0, 0.0, 0.0], (count, 1))
+    hit = end + (end - sensor) * (-off / 3.0)[:, None]
+    reach = np.linalg.norm(hit - sensor, axis=1)
+    group = Meetings(np.zeros(count, int), np.zeros(count, int), normal, hit, off, reach, reach, sensor)
+    assert fits.fit_of(group, 0.0, 7.0).level == pytest.approx(told_at, abs=2e-3)
