@@ -45,7 +45,8 @@ weights: setup
 	cp runs/weights/models.safetensors jaxmm/weights/default.safetensors
 	cp runs/weights/calibration.json jaxmm/weights/calibration.json
 	$(BIN)/python -m jaxmm.runs.object_training --out runs/weights/rooms.safetensors --draws runs/draws
-	$(BIN)/python -m jaxmm.runs.flat_training --judge runs/weights/rooms.safetensors --out jaxmm/weights/objects.safetensors --draws runs/draws
+	$(BIN)/python -m jaxmm.runs.flat_training --judge runs/weights/rooms.safetensors --out runs/weights/low.safetensors --band 1 --draws runs/draws
+	$(BIN)/python -m jaxmm.runs.flat_training --judge runs/weights/low.safetensors --out jaxmm/weights/objects.safetensors --band 2 --draws runs/draws
 
 lint: setup
 	$(BIN)/ruff check .

@@ -19,7 +19,7 @@ from jaxmm.inputs import InputError, one_line
 from jaxmm.objects.clues import CLUES
 from jaxmm.weights import OBJECTS
 
-LOW = 2.4  # [m] from floor to ceiling, up to which later rounds count: no room of the first ones is lower
+LOW = (2.4, 2.8)  # [m] from floor to ceiling, up to which rooms are of the first, and of the second band
 KINDS = ("nothing", "pillar", "wall")
 
 
@@ -33,7 +33,7 @@ class ObjectJudge(NamedTuple):
     clue: np.ndarray  # (T, K, 2^D - 1) uint8 index into CLUES
     limit: np.ndarray  # (T, K, 2^D - 1) float32; inf where a tree ends early, so that the first leaf below counts
     leaf: np.ndarray  # (T, K, 2^D) float32
-    low: np.ndarray  # (T,) uint8: 1 for rounds that count in rooms up to LOW alone, else 0
+    low: np.ndarray  # (T,) uint8: 0 for rounds that count everywhere, else the band of LOW that they count in alone
 
 
 def judge_objects(judge: ObjectJudge, clues: np.ndarray) -> np.ndarray:
@@ -47,14 +47,23 @@ def judge_objects(judge: ObjectJudge, clues: np.ndarray) -> np.ndarray:
         node = 2 * node + 1 + larger
     leaf = judge.leaf[rounds, kind, node - inner]
     if judge.low.any():
-        leaf *= ~judge.low.astype(bool)[:, None] | is_low(clues)[:, None, None]
+        leaf[(judge.low != 0) & (judge.low != band_of(clues)[:, None])] = 0.0
     return softmax(judge.start + leaf.sum(axis=1, dtype=np.float64), axis=1)
 
 
-def is_low(clues: np.ndarray, height: float = LOW) -> np.ndarray:
-    """(C,) bool: candidates in rooms up to a height [m], from the clues (C, F): how high they reach, and what is left
-    above."""
-    return clues[:, CLUES.index("top")] + clues[:, CLUES.index("left")] <= height
+def height_of(clues: np.ndarray) -> np.ndarray:
+    """(C,) [m] of the rooms of candidates, by the clues (C, F): how high these reach, and what is left above."""
+    return clues[:, CLUES.index("top")] + clues[:, CLUES.index("left")]
+
+
+def band_of(clues: np.ndarray) -> np.ndarray:
+    """(C,) int: the band of LOW that the room of each candidate is in, 1 or 2; 0: it is higher."""
+    return (np.searchsorted(np.float32(LOW), height_of(clues)) + 1) % (len(LOW) + 1)
+
+
+def of_rounds(judge: ObjectJudge, which: np.ndarray) -> ObjectJudge:
+    """With those of its rounds alone that `which` (T,) names."""
+    return ObjectJudge(judge.start, *(field[which] for field in judge[1:]))
 
 
 def save_judge(judge: ObjectJudge, path: Path, metadata: dict[str, str]) -> None:
@@ -90,7 +99,7 @@ def _fits(judge: ObjectJudge) -> bool:
         return False
     if not judge.clue.shape == judge.limit.shape == (*shape[:2], shape[2] - 1):
         return False
-    if judge.low.shape != shape[:1] or judge.low.dtype != np.uint8 or np.any(judge.low > 1):
+    if judge.low.shape != shape[:1] or judge.low.dtype != np.uint8 or np.any(judge.low > len(LOW)):
         return False
     if judge.clue.dtype != np.uint8 or any(one.dtype != np.float32 for one in (judge.start, judge.limit, judge.leaf)):
         return False

@@ -1,12 +1,13 @@
 """Trains the judge of objects further, on candidates of small, low and crowded flats among those of rooms.
 
-    python -m jaxmm.runs.flat_training --judge FILE --out FILE [--flats N] [--rooms N] [--built-in N] [--draws DIR]
+    python -m jaxmm.runs.flat_training --judge FILE --out FILE [--band 2] [--flats N] [--rooms N] [--draws DIR]
 
 K candidates, F clues. The judge has learnt from rooms (`object_training`), of which few are low and none is crowded.
-MORE rounds of trees, which count in rooms up to 2.4 m alone, are grown on what it is still wrong about in low ones:
-candidates of flats, where walls are short and things stand close before them, of rooms as the judge learnt from, but
-low, and of flats in which cupboards reach up to the ceiling: without those, all that does so would be a wall. A tenth
-of each is kept from training, to say how well it does.
+MORE rounds of trees, which count in rooms of one band of heights alone (judge.LOW), are grown on what it is still wrong
+about in low rooms of any band: candidates of flats, where walls are short and things stand close before them, of rooms
+as the judge learnt from, but low, and of flats in which cupboards reach up to the ceiling: without those, all that does
+so would be a wall. There are more rooms than flats, or what was right in low rooms would be lost. A tenth of each is
+kept from training, to say how well it does.
 """
 
 import argparse
@@ -22,7 +23,7 @@ from jaxmm.learning.boxes import Box
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.learning.upright_shapes import outside
 from jaxmm.objects.finder import ObjectSettings, examine
-from jaxmm.objects.judge import KINDS, is_low, load_judge, save_judge
+from jaxmm.objects.judge import KINDS, LOW, band_of, height_of, load_judge, save_judge
 from jaxmm.progress import bar_of
 from jaxmm.rays.range_noise import settled
 from jaxmm.rays.scan_rays import rays_of_scan
@@ -37,6 +38,7 @@ from jaxmm.runs.object_training import (
     fit,
     joined,
     kept_examples,
+    mixed,
     plain,
     told_of,
 )
@@ -47,9 +49,10 @@ from warp_scanner.cores import worker_pool
 
 SEED = 5  # of the flats: of no other training, validation or test
 BUILT_IN_SEED = 6  # of those with cupboards up to the ceiling
-MORE = 200  # rounds; chosen on flats that were kept out
-LEARNT = 2.65  # [m] from floor to ceiling, up to which there is something to learn; rounds count in lower rooms alone
-LOW_ROOM = {"size": (20.0, 20.0, LEARNT), "size_spread": (17.0, 17.0, LEARNT - 2.4)}  # [m], else as `varied`
+MORE = 200  # rounds; chosen on validation rooms and flats
+LEARNT = 2.85  # [m] from floor to ceiling, up to which there is something to learn; heights are measured
+MIXED_EVERY = 4  # draws of low rooms, of which one is of all kinds, about as many as the judge learnt from
+LOW_ROOM = {"size": (20.0, 20.0, LEARNT), "size_spread": (17.0, 17.0, LEARNT - LOW[0])}  # [m], else as `varied`
 
 
 def examples_of_flat(case: FlatCase, judges: Judges) -> Examples:
@@ -89,8 +92,11 @@ def flats_of_draw(number: int) -> Examples:
 
 def low_rooms_of_draw(number: int) -> Examples:
     """The candidates of as many rooms as those that the judge learnt from, but low."""
-    draw = plain(np.random.default_rng((SEED, number)))
-    return examples_of_rooms(draw._replace(changed=draw.changed | {"room": LOW_ROOM}), SEED, number)
+    rng = np.random.default_rng((SEED, number))
+    draw = plain(rng) if number % MIXED_EVERY else mixed(rng)
+    return examples_of_rooms(
+        draw._replace(changed=draw.changed | {"room": draw.changed["room"] | LOW_ROOM}), SEED, number
+    )
 
 
 def built_in_of_draw(number: int) -> Examples:
@@ -109,12 +115,15 @@ def kept_scenes(folder: Path | None, kind: str, number: int) -> Examples:
 
 
 def low_ones(examples: Examples) -> Examples:
-    """Those in rooms up to LEARNT: further rounds learn from them, and count in the lower ones."""
-    return Examples(*(field[is_low(examples.clues, LEARNT)] for field in examples))
+    """Those in rooms up to LEARNT: further rounds learn from them."""
+    return Examples(*(field[height_of(examples.clues) <= LEARNT] for field in examples))
 
 
-def main(judge: Path, out: Path, counts: dict[str, int], kept_in: Path | None = None) -> None:
-    """Make so many scenes of each of MAKERS, train further, save, and print how it does on those that were kept out."""
+def main(judge: Path, out: Path, band: int, counts: dict[str, int], kept_in: Path | None = None) -> None:
+    """Make so many scenes of each of MAKERS, train further, save, and print how it does on those that were kept out.
+
+    Told is of those in rooms of the band.
+    """
     onto = load_judge(judge)
     with safetensors.safe_open(judge, framework="numpy") as file:
         metadata = file.metadata()
@@ -129,11 +138,13 @@ def main(judge: Path, out: Path, counts: dict[str, int], kept_in: Path | None = 
                 draws[kind].append(low_ones(made))
                 bar.update(AT_ONCE)
     learnt = [draw for each in draws.values() for number, draw in enumerate(each) if number % KEPT]
-    grown = fit(joined(learnt), onto, MORE)
-    told = {kind: told_of(grown, joined(each[::KEPT])) for kind, each in draws.items()}
-    told |= {f"{kind} before": told_of(onto, joined(each[::KEPT])) for kind, each in draws.items()}
-    made = {"flats": str(counts["flats"]), "low_rooms": str(counts["rooms"]), "built_in": str(counts["built_in"])}
-    save_judge(grown, out, metadata | made | {"kept_further": json.dumps(told)})
+    grown, told = fit(joined(learnt), onto, MORE, band), {}
+    for kind, each in draws.items():
+        kept = joined(each[::KEPT])
+        kept = Examples(*(field[band_of(kept.clues) == band] for field in kept))
+        if len(kept.kind):  # the lowest rooms are higher than the first band
+            told |= {kind: told_of(grown, kept), f"{kind} before": told_of(onto, kept)}
+    save_judge(grown, out, metadata | {f"band_{band}": json.dumps(counts | {"kept": told})})
     print(json.dumps(told))
 
 
@@ -141,10 +152,11 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--judge", type=Path, required=True, metavar="FILE")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE")
-    parser.add_argument("--flats", type=int, default=1200, metavar="N")
-    parser.add_argument("--rooms", type=int, default=160, metavar="N")
-    parser.add_argument("--built-in", type=int, default=320, metavar="N")
+    parser.add_argument("--band", type=int, choices=range(1, len(LOW) + 1), default=2, help="1: the lowest rooms")
+    parser.add_argument("--flats", type=int, default=600, metavar="N")
+    parser.add_argument("--rooms", type=int, default=1000, metavar="N")
+    parser.add_argument("--built-in", type=int, default=200, metavar="N")
     parser.add_argument("--draws", type=Path, metavar="DIR", help="keep what was made of scenes there, to go on from")
     asked = parser.parse_args()
     counts = {"flats": asked.flats, "rooms": asked.rooms, "built_in": asked.built_in}
-    main(asked.judge, asked.out, counts, asked.draws)
+    main(asked.judge, asked.out, asked.band, counts, asked.draws)

@@ -31,7 +31,7 @@ from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.learning.upright_shapes import outside
 from jaxmm.objects.clues import CLUES
 from jaxmm.objects.finder import ObjectSettings, examine
-from jaxmm.objects.judge import KINDS, ObjectJudge, judge_objects, save_judge
+from jaxmm.objects.judge import KINDS, ObjectJudge, judge_objects, of_rounds, save_judge
 from jaxmm.objects.main_directions import QUARTER
 from jaxmm.objects.walls import KnownBuilding
 from jaxmm.progress import bar_of
@@ -89,7 +89,7 @@ class Draw(NamedTuple):
 def drawn(number: int) -> Draw:
     """The settings of a draw."""
     draw = np.random.default_rng((SEED, number))
-    return _mixed(draw) if number < MIXED else plain(draw)
+    return mixed(draw) if number < MIXED else plain(draw)
 
 
 def plain(draw: np.random.Generator) -> Draw:
@@ -98,7 +98,8 @@ def plain(draw: np.random.Generator) -> Draw:
     return Draw(scene, condition, False, {"preset": "varied", "sensor": sensor, "room": {}}, np.zeros(AT_ONCE))
 
 
-def _mixed(draw: np.random.Generator) -> Draw:
+def mixed(draw: np.random.Generator) -> Draw:
+    """Of rooms of all kinds."""
     of_cloud = bool(draw.random() < CLOUDS)
     scenes = CLOUD_SCENES if of_cloud else SCENES
     scene, condition, kind, sensor, touching = (
@@ -144,19 +145,20 @@ def kept_draw(folder: Path | None, number: int) -> Examples:
 
 
 class _Learnt(ClassifierMixin, BaseEstimator):
-    """What a judge says, from which further trees go on."""
+    """Whether something is nothing, as a judge says it: further trees go on from there."""
 
     def __init__(self, judge: ObjectJudge):
         self.judge = judge
 
     def fit(self, clues: np.ndarray, kind: np.ndarray, sample_weight: np.ndarray | None = None) -> "_Learnt":
         """Nothing more is learnt."""
-        self.classes_ = np.arange(len(KINDS))
+        self.classes_ = np.arange(2)
         return self
 
     def predict_proba(self, clues: np.ndarray) -> np.ndarray:
-        """Probability (K, kinds)."""
-        return judge_objects(self.judge, clues)
+        """Probability (K, 2) that it is something, and that it is nothing."""
+        nothing = judge_objects(self.judge, clues)[:, :1]
+        return np.hstack([1.0 - nothing, nothing])
 
 
 def boosted_trees(onto: ObjectJudge | None = None, rounds: int | None = None) -> GradientBoostingClassifier:
@@ -172,22 +174,31 @@ def boosted_trees(onto: ObjectJudge | None = None, rounds: int | None = None) ->
     )  # fmt: skip
 
 
-def fit(examples: Examples, onto: ObjectJudge | None = None, rounds: int | None = None) -> ObjectJudge:
+def fit(examples: Examples, onto: ObjectJudge | None = None, rounds: int | None = None, band: int = 0) -> ObjectJudge:
     """The trees, each grown on a share of the candidates, drawn anew, and on a few clues at every branch.
 
     Args:
         examples: to learn from.
-        onto: a judge that is to learn more of low rooms, which all examples then are from: its own trees come first,
-            and stay as they are.
+        onto: a judge that is to learn more of low rooms, which all examples then are from: its rounds that count
+            everywhere are gone on from, and come first with those of other bands. They stay as they are. What is
+            learnt is whether anything is there: which type it is, they know from far more rooms.
         rounds: how many are grown; by default ROUNDS.
+        band: of rooms, in which further rounds count alone; see `ObjectJudge`.
     """
-    boosted = boosted_trees(onto, rounds).fit(examples.clues.astype(np.float32), examples.kind)
+    clues, kind = examples.clues.astype(np.float32), examples.kind
+    if onto is None:
+        boosted = boosted_trees(rounds=rounds).fit(clues, kind)
+    else:
+        boosted = boosted_trees(of_rounds(onto, onto.low == 0), rounds).fit(clues, kind == KINDS.index("nothing"))
     trees = [[_whole(tree.tree_) for tree in each] for each in boosted.estimators_]
     clue, limit, leaf = (np.array([[tree[part] for tree in each] for each in trees]) for part in range(3))
     if onto is None:
-        share = np.bincount(examples.kind, minlength=len(KINDS)) / len(examples.kind)
+        share = np.bincount(kind, minlength=len(KINDS)) / len(kind)
         return ObjectJudge(np.log(share).astype(np.float32), clue, limit, leaf, np.zeros(len(leaf), np.uint8))
-    grown = zip(onto[1:], (clue, limit, leaf, np.ones(len(leaf), np.uint8)), strict=True)
+    none = [(0, 0), (0, len(KINDS) - 1), (0, 0)]  # scores of the types stay: their trees end before they begin
+    clue, limit, leaf = np.pad(clue, none), np.pad(limit, none, constant_values=np.inf), np.pad(leaf, none)
+    others = of_rounds(onto, onto.low != band)
+    grown = zip(others[1:], (clue, limit, leaf, np.full(len(leaf), band, np.uint8)), strict=True)
     return ObjectJudge(onto.start, *(np.concatenate(both) for both in grown))
 
 

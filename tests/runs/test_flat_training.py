@@ -62,22 +62,31 @@ def test_candidates_of_flats_are_of_all_kinds_that_there_are():
     assert all(np.isfinite(one.clues).all() for one in made)
 
 
-def test_trees_that_go_on_from_others_learn_what_these_were_wrong_about_and_count_in_low_rooms_alone():
-    """What is a wall by a clue that the judge has learnt nothing of."""
+@pytest.mark.parametrize("band, low, high", [(1, 2.0, LOW[0]), (2, LOW[0], LOW[1])])
+def test_trees_that_go_on_from_others_learn_what_these_were_wrong_about_and_count_in_their_band_alone(band, low, high):
+    """What is nothing by a clue that the judge has learnt nothing of; which type anything is stays as it was."""
     rng, judge = np.random.default_rng(1), default_judge()
     judge = judge._replace(**{field: getattr(judge, field)[:100] for field in ("clue", "limit", "leaf", "low")})
+    assert not judge.low.any()
     clues = rng.normal(size=(600, len(CLUES)))
     top, left = CLUES.index("top"), CLUES.index("left")
-    clues[:, top], clues[:, left] = rng.uniform(1.0, LOW - 0.1, 600), rng.uniform(0.0, 0.1, 600)
-    kind = np.where(clues[:, 5] > 0.0, 2, np.where(clues[:, 9] > 0.0, 0, 1))
+    clues[:, top] = rng.uniform(1.0, low, 600)
+    clues[:, left] = rng.uniform(low + 0.01, high, 600) - clues[:, top]
+    kind = np.where(clues[:, 5] > 0.0, 0, 1 + (clues[:, 9] > 0.0))
     examples = Examples(clues, kind)
-    grown = fit(examples, judge, rounds=40)
+    other = judge._replace(low=np.where(np.arange(100) < 90, 0, 3 - band).astype(np.uint8))  # of the other band
+    grown = fit(examples, other, rounds=40, band=band)
     np.testing.assert_array_equal(grown.leaf[:100], judge.leaf)
-    assert grown.low.tolist() == 100 * [0] + 40 * [1] and len(low_ones(examples).kind) == 600
-    right = [np.mean(judge_objects(one, clues).argmax(axis=1) == kind) for one in (judge, grown)]
-    assert right[0] < 0.6 and right[1] > 0.85
-    clues[:, left] = LOW + 0.01 - clues[:, top]
-    np.testing.assert_array_equal(judge_objects(grown, clues), judge_objects(judge, clues))
+    assert grown.low.tolist() == 90 * [0] + 10 * [3 - band] + 40 * [band] and len(low_ones(examples).kind) == 600
+    again = fit(examples, grown, rounds=40, band=band)  # in place of those of the same band
+    np.testing.assert_array_equal(again.leaf, grown.leaf)
+    before, after = judge_objects(other, clues), judge_objects(grown, clues)
+    right = [np.mean((one[:, 0] > 0.5) == (kind == 0)) for one in (before, after)]
+    assert right[0] < 0.7 and right[1] > 0.85
+    np.testing.assert_allclose(after[:, 1] / after[:, 2], before[:, 1] / before[:, 2], rtol=1e-9)
+    for outside in (LOW[0] + 0.01,) if band == 1 else (LOW[0] - 0.01, LOW[1] + 0.01):
+        clues[:, left] = outside - clues[:, top]
+        np.testing.assert_array_equal(judge_objects(grown, clues), judge_objects(other, clues))
     clues[:, left] = LEARNT + 0.01 - clues[:, top]
     assert len(low_ones(Examples(clues, kind)).kind) == 0
 

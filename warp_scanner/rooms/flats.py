@@ -1,7 +1,7 @@
 """Small, low and crowded flats, and what a laser on a tilting mount, or any other sensor, sees of them.
 
 The other rooms are 3 to 20 m across and at least 2.4 m high, and changed walls stand free in them. Here rooms are from
-1.2 m across and 2 to 2.6 m high, walls end at doors and corners, in half of the flats in between, too, and things stand
+1.2 m across and 2 to 2.8 m high, walls end at doors and corners, in half of the flats in between, too, and things stand
 close before them. One flat a seed; K slots of primitives, N rays. World frame: metres, z up, the floor at 0.
 """
 
@@ -13,7 +13,7 @@ from warp_scanner.scenes.scenes import BOX, CEILING, CYLINDER, DOOR, FLOOR, FURN
 from warp_scanner.sensors.scan import Rays, cast_rays
 from warp_scanner.sensors.sensors import Sensor
 
-WIDTH, DEPTH, HEIGHT = (3.5, 8.0), (3.0, 6.5), (2.0, 2.6)  # [m] of a flat
+WIDTH, DEPTH, HEIGHT = (3.5, 8.0), (3.0, 6.5), (2.0, 2.8)  # [m] of a flat
 THICKNESS = (0.08, 0.2)  # [m] of its walls
 NARROWEST, PARTS = 1.2, (2, 5)  # [m] of a room, and how many times a flat is parted
 OUTER_DOOR, INNER_DOOR, DOOR_WIDTH, DOOR_TOP = 0.15, 0.85, (0.65, 0.9), (1.9, 2.05)  # shares and [m]
