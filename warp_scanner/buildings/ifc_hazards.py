@@ -66,7 +66,8 @@ def _without_number(path: Path, model: Any) -> list[tuple[Any, str]]:
                 and any(map(item.is_a, _GEOMETRY))
                 and text[begin:last].count(b"'") % 2 == 0
             ):
-                found[item.id()] = (item, f"#{item.id()}, {item.is_a()}, has a number that is infinite, none, or beyond 1e99")
+                why = "has a number that is infinite, none, or beyond 1e99"
+                found[item.id()] = (item, f"#{item.id()}, {item.is_a()}, {why}")
     return list(found.values())
 
 
