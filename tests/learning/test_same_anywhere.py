@@ -64,7 +64,7 @@ print(json.dumps([digests(*what) for what in json.loads(sys.argv[1])]))
 """
 # Network, clouds, points and features: sums of few and of many numbers, of even and of odd counts.
 CASES = (("small", 4, 512, 4), ("compact", 3, 333, 29))  # an emulated processor is a hundred times as slow
-WHOLE = (*CASES, ("compact", 8, 2048, 29), ("thesis", 4, 1024, 4))  # the last is what the demo trains
+WHOLE = (*CASES, ("compact", 8, 2048, 29), ("thesis", 8, 512, 4))  # the last is what the demo trains
 
 
 def bits(cases, flags="", before=()):
