@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxmm.vectors import lengths
+from jaxmm.vectors import directions, lengths
 
 
 @pytest.mark.parametrize("columns", [2, 3])
@@ -18,3 +18,9 @@ def test_lengths_are_those_of_numpy_to_the_last_bit(dtype, columns):
 def test_no_vectors_have_no_lengths_and_what_is_not_known_stays_so():
     assert lengths(np.zeros((0, 3))).shape == (0,)
     assert np.isnan(lengths(np.array([[np.nan, 0.0, 0.0]]))[0]) and np.isinf(lengths(np.array([[np.inf, 0, 0]]))[0])
+
+
+def test_directions_are_of_unit_length_and_none_is_made_up():
+    vectors = np.array([[3.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, -2.0, 0.0]])
+    np.testing.assert_allclose(directions(vectors), [[0.6, 0.0, 0.8], [0.0, -1.0, 0.0]], atol=1e-15)
+    assert directions(np.zeros((0, 3), np.float32)).dtype == np.float32

@@ -186,22 +186,15 @@ def _solutions(
     found: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
 
     def add(step: np.ndarray, silent: int | None) -> None:
-        for _ in range(ROUNDS):
-            votes = _weights(off, rows, sigma, step)
-            if silent is not None:
-                votes[silent] = 0.0
-            told, right = _normal(off, rows, sigma, votes)
-            last, step = step, -np.linalg.solve(told + prior, right)
-            if np.abs(step - last).max() < 1e-7:
-                break
-        for _ in range(ROUNDS):
-            votes = _votes(off, rows, sigma, step)
-            if silent is not None:
-                votes[silent] = 0.0
-            told, right = _normal(off, rows, sigma, votes)
-            last, step = step, -np.linalg.solve(told + prior, right)
-            if np.abs(step - last).max() < 1e-7:
-                break
+        for weigh in (_weights, _votes):  # from afar softly, then each face by how likely it stands in its place
+            for _ in range(ROUNDS):
+                votes = weigh(off, rows, sigma, step)
+                if silent is not None:
+                    votes[silent] = 0.0
+                told, right = _normal(off, rows, sigma, votes)
+                last, step = step, -np.linalg.solve(told + prior, right)
+                if np.abs(step - last).max() < 1e-7:
+                    break
         square = np.square((off + rows @ step) / sigma).max(axis=1)
         total = cost + float(_surprise(square).sum()) + 0.5 * float(step @ prior @ step)
         is_other = silent is None or square[silent] > FAR_OFF**2

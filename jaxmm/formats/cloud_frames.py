@@ -8,6 +8,7 @@ import numpy as np
 from jaxmm.formats.poses import OPTICAL
 from jaxmm.formats.raw_scans import to_world
 from jaxmm.formats.readers import PointScan
+from jaxmm.vectors import directions
 
 FRAMES = ("world", "sensor", "optical")
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of rows
@@ -48,7 +49,7 @@ def brought_upright(scan: PointScan, frame: str | None, y_up: bool) -> PointScan
 
 def is_before(points: np.ndarray) -> tuple[bool, bool]:
     """Whether all that a camera sees lies before the x axis of its points (N, 3), and before the z axis."""
-    unit = _directions(points)
+    unit = directions(points)
     before_x, _, before_z = np.mean(unit > np.cos(np.radians(WIDE)), axis=0) >= AHEAD
     return bool(before_x), bool(before_z)
 
@@ -66,11 +67,5 @@ def is_optical(own: np.ndarray, rotation: np.ndarray) -> bool:
     before_x, before_z = is_before(own)
     if before_x or before_z:
         return before_z and not before_x
-    low, high = np.percentile(_directions(own), [1, 99], axis=0)
+    low, high = np.percentile(directions(own), [1, 99], axis=0)
     return bool(rotation[2, 1] < -np.cos(np.radians(UPRIGHT)) and (high - low)[1] < (high - low)[2])
-
-
-def _directions(points: np.ndarray) -> np.ndarray:
-    """(n, 3) of unit length, of those of the points (N, 3) that are not at zero."""
-    length = np.linalg.norm(points, axis=1)
-    return points[length > 0.0] / length[length > 0.0, None]

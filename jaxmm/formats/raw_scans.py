@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.inputs import InputError
-from jaxmm.vectors import lengths
-from warp_scanner.clouds.sightlines import cells_of
+from jaxmm.vectors import directions
 
 BLOCK = 1 << 19  # points read at once
 IN_CACHE = 1 << 15  # points moved at once, in a third of the time of a BLOCK
@@ -39,8 +38,9 @@ class RawScan(NamedTuple):
 
 def few_of(direction: np.ndarray) -> np.ndarray:
     """(k, 3) float32 unit vectors: of directions (K, 3) of any length one for each place, as patterns of rays have."""
-    length = lengths(direction)
-    unit = (direction[length > 0.0] / length[length > 0.0, None]).astype(np.float32)
+    from warp_scanner.clouds.sightlines import cells_of  # loads Warp, which few files need to be read
+
+    unit = directions(direction).astype(np.float32)
     return unit[np.unique(cells_of(unit, PLACE)[0], return_index=True)[1]] if len(unit) else unit
 
 

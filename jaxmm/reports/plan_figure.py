@@ -213,8 +213,7 @@ def _name_sensors(axes: Axes, sensors: np.ndarray, numbers: list[int]) -> list[n
     taken: list[np.ndarray] = []
     for place, mark, number in zip(sensors, marks, numbers, strict=True):
         within = [way for way in ways if (mark + way >= low).all() and (mark + way <= high).all()] or ways[:1]
-        apart = [_apart(mark + one, [*marks, *taken]) for one in within]
-        way = within[next((n for n, one in enumerate(apart) if one >= CLEAR), int(np.argmax(apart)))]
+        way = _first_clear(within, mark, [*marks, *taken], CLEAR)
         look = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 8}
         if way is not ways[0]:
             look["arrowprops"] = {"arrowstyle": "-", "color": GREY, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 4}
@@ -222,11 +221,6 @@ def _name_sensors(axes: Axes, sensors: np.ndarray, numbers: list[int]) -> list[n
         name.set_path_effects([withStroke(linewidth=4, foreground="white")])  # it may stand on a wall
         taken += list(mark + way)
     return taken
-
-
-def _apart(places: np.ndarray, taken: list[np.ndarray]) -> float:
-    """How far [pt] places (K, 2) of a name are at least from those that are taken, each (2,)."""
-    return min(float(np.linalg.norm(places - other, axis=1).min()) for other in taken)
 
 
 def _reach(detection: Detection, scan: int) -> float:
@@ -302,10 +296,18 @@ def _free_offset(place: np.ndarray, wanted: np.ndarray, taken: list[np.ndarray])
     ways = [
         reach * np.array([np.cos(first + turn), np.sin(first + turn)]) for reach in (34.0, 56.0, 78.0) for turn in turns
     ]
-    free = (way for way in ways if all(np.linalg.norm(place + way - other) >= APART for other in taken))
-    offset = next(free, ways[0])
+    offset = _first_clear(ways, place, taken, APART)
     taken.append(place + offset)
     return offset
+
+
+def _first_clear(ways: list[np.ndarray], place: np.ndarray, taken: list[np.ndarray], apart: float) -> np.ndarray:
+    """The first of some ways from a place (2,) [pt] that ends so far [pt] from all that is taken; else the farthest.
+
+    A way (2,) is to one place, or (K, 2) to several, as of what is wide; each of `taken` is (2,).
+    """
+    room = [min((np.linalg.norm(place + way - one, axis=-1).min() for one in taken), default=apart) for way in ways]
+    return ways[next((number for number, one in enumerate(room) if one >= apart), int(np.argmax(room)))]
 
 
 def _outlined(patch: Patch, one: Mismatch) -> Patch:

@@ -46,10 +46,10 @@ class AsBuilt(NamedTuple):
     # Of what has pieces, of which some face is seen; None where they do not move as one.
     wholes: dict[Key, Deviation | None]
 
-    @property
-    def deviations(self) -> dict[int, Deviation]:
-        """Of those of which anything is known: all that is off may be the pose."""
-        return {row: one for row, one in self.found.items() if is_told(one)}
+    def deviation(self, row: int) -> Deviation | None:
+        """Of an element; None where nothing is known: all that is off may be the pose."""
+        one = self.found.get(row)
+        return one if one is not None and is_told(one) else None
 
     def by(self, scans: int) -> "AsBuilt":
         """What the first so many scans tell of, as all of them do."""

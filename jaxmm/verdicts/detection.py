@@ -241,7 +241,7 @@ def _elements(
         row: ElementVerdict(
             table.guid[row], table.ifc_class[row], table.name[row],
             storeys.name[table.storey[row]] if table.storey[row] >= 0 else "",
-            *verdicts[row], views.get(row), stands.deviations.get(row), file=table.file[row],
+            *verdicts[row], views.get(row), stands.deviation(row), file=table.file[row],
         )
         for row in rows.tolist()
     }  # fmt: skip

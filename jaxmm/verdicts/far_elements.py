@@ -47,6 +47,8 @@ def toward_far_elements(prior: Prior, scan: PosedScan, rays: ScanRays, whole: Po
     near = met.distance[0] <= rays.limit
     times = np.bincount(met.element[0][near & (met.element[0] >= 0)], minlength=len(prior.scene.triangles.semantic))
     rare = np.flatnonzero(times * min(1.0, rays.measured / len(rays.pattern)) < RARELY)
+    if not len(rare):
+        return rays
     drawn = cast_triangles(prior.scene, Rays(rays.position[None], rays.direction[: rays.measured])).element[0]
     times += np.bincount(drawn[drawn >= 0], minlength=len(times))
     direction, element = _toward(prior, rays.position, (rare, times[rare] > 0), spacing)

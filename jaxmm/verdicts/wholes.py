@@ -107,7 +107,7 @@ def _told_with_pieced(
         told_of |= dict.fromkeys(keys_of(whole), told)
         each = [one for one in (whole.element, *whole.twins) if settings.asks_for(one.ifc_class, one.semantic)]
         keys = [(one.file, one.guid) for one in each]
-        off = _deviation(whole, told, [(verdicts[row], stands.deviations.get(row)) for row in rows], stands)
+        off = _deviation(whole, told, [(verdicts[row], stands.deviation(row)) for row in rows], stands)
         if told.verdict in (PRESENT, DISPLACED):
             limit = settings.deviations.of(class_name(whole.element.semantic))
             is_off = off is not None and is_displaced(off, limit, settings.verdicts.least_rays)
