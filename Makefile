@@ -38,7 +38,7 @@ setup: .venv/current
 setup-peers: setup
 	$(PIP) install -c requirements.lock $(EDITABLE) '.[peers]'
 
-# The default models, from nothing: 20 minutes, and what judges objects, which learns from what they say: one and a quarter hours.
+# The default models, from nothing: 20 minutes, and what judges objects, which learns from what they say: one and a quarter hours, and the low rooms after that.
 # The run folder holds how the models came about, the file of the judge how it did.
 weights: setup
 	$(BIN)/jaxmm train configs/weights.toml --out runs/weights

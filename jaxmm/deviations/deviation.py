@@ -25,7 +25,7 @@ from jaxmm.deviations.shifted_columns import Shift, columns_of, met_at_ends
 from jaxmm.deviations.tolerances import Slope, din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
 from jaxmm.vectors import lengths
-from warp_scanner.scenes.building import element_bounds
+from warp_scanner.scenes.building import element_bounds, faces_by_element
 from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare_part
 
 AXIS = np.radians(3.0)  # between a direction and what faces fix, up to which they do, or do not
@@ -222,8 +222,7 @@ def bodies_of(scene: TriangleScene) -> Callable[[int], Body]:
     a, b, c = (triangles.vertices[corner].astype(np.float64) for corner in triangles.faces.T)
     area = lengths(np.cross(b - a, c - a)) / 2.0
     area = np.bincount(triangles.element, area, len(triangles.semantic))
-    order = np.argsort(triangles.element, kind="stable")
-    starts = np.searchsorted(triangles.element[order], np.arange(len(area) + 1))
+    order, starts = faces_by_element(triangles)
 
     def body(*rows: int) -> Body:
         chosen = list(rows)

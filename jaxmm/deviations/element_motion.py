@@ -54,7 +54,7 @@ class Motion(NamedTuple):
 
     step: np.ndarray  # (6,)
     covariance: np.ndarray  # (6, 6)
-    swings: tuple["Swing", ...]  # of each scan
+    swings: tuple[Swing, ...]  # of each scan
     answers: tuple[np.ndarray, ...]  # (6,) what else it may be: by each scan, or without what may be a cupboard
     keep: np.ndarray = np.zeros((3, 3))  # projection onto the directions of the shift that are fixed; zero if none is
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxmm.deviations.meetings import MOST_OFF, STEEP, Meetings
 
 LEAST_RAYS = 20  # of a group, to be fitted
+LEAST_FACING = 0.1  # of a ray to a fitted plane, as to the model's: one that goes along a plane meets it nowhere
 IN_PLACE = 0.03  # [m] off its face, up to which a thing is in its place, or hardly off
 STANDS = 0.5  # share of the rays that could reach a face, that must end on it
 TRIES, TRIED = 80, 400  # samples of three rays, and rays that judge them
@@ -232,7 +233,7 @@ def _least_squares(
     places, drift = met
     # Where each ray meets the plane: off = level + slope . (place - drift * off - middle).
     plane = found[0] + (places - middle) @ found[1:]
-    fitted = plane / (1.0 + drift @ found[1:])
+    fitted = plane / np.maximum(1.0 + drift @ found[1:], LEAST_FACING)
     return places - drift * fitted[:, None], found, off - fitted, sigma
 
 

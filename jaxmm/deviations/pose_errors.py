@@ -121,7 +121,7 @@ def pose_errors(fits: list[Fit], sensor: np.ndarray, trust: str = REGISTERED) ->
     for cost, step, told, right in found:
         if cost > found[0][0] + AS_GOOD:
             break
-        # Of two that are within what either leaves open, the likelier one says it all.
+        # One that is within what a likelier one leaves open says nothing else.
         if all((lag := step - one.correction) @ one.told @ lag > 1.0 for one in apart):
             apart.append(PoseError(told, right, place, tilt, float(np.exp(found[0][0] - cost))))
     every = sum(one.share for one in apart)

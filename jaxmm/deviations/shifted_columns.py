@@ -16,7 +16,7 @@ from jaxmm.deviations.meetings import STEEP, Meetings
 from jaxmm.rays.scan_rays import ScanRays, measured_points
 from jaxmm.vectors import lengths
 from warp_scanner.clouds.voxels import thin_clouds
-from warp_scanner.scenes.building import Triangles, element_bounds
+from warp_scanner.scenes.building import Triangles, element_bounds, faces_by_element
 from warp_scanner.scenes.scenes import DOOR, PILLAR, WINDOW
 from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare_part
 
@@ -57,8 +57,7 @@ def met_at_ends(scene: TriangleScene, met: Meetings) -> np.ndarray:
     low, high = element_bounds(triangles)
     may = (high[:, 2] - low[:, 2] > LOWEST) & ~np.isin(triangles.semantic, (DOOR, WINDOW))
     may[columns_of(scene)] = False
-    order = np.argsort(triangles.element, kind="stable")
-    starts = np.searchsorted(triangles.element[order], np.arange(len(may) + 1))
+    order, starts = faces_by_element(triangles)
     first = np.flatnonzero(np.diff(met.group, prepend=-1))
     is_narrow: dict[int, bool] = {}
     for row, normal in zip(met.element[first].tolist(), met.normal[first], strict=True):

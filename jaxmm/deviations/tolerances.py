@@ -35,6 +35,12 @@ class DeviationSettings:
     window: float = bounded(0.0, 0.0, 0.3)
     slab: float = bounded(0.0, 0.0, 0.3)
 
+    def __post_init__(self):
+        for name in ("tolerance", *NAMES):
+            if getattr(self, name) > self.most:
+                value = getattr(self, name)
+                raise ValueError(f"{name}: expected a tolerance up to most, which is {self.most:g} m, got {value:g}")
+
     def of(self, name: str) -> float:
         """The tolerance [m] of a class of NAMES; of any other the general one."""
         return (getattr(self, name) if name in NAMES else 0.0) or self.tolerance

@@ -126,6 +126,12 @@ def _returns(path: Path, arrays: np.lib.npyio.NpzFile) -> RawScan:
         distance.ndim != 1 or direction.shape != (len(distance), 3) or origin.shape != (3,) or rotation.shape != (3, 3)
     ):
         raise InputError(f"{path}: expected rays with one direction each, and origin and rotation of one sensor")
+    if not (np.isfinite(origin).all() and np.isfinite(rotation).all()):
+        raise InputError(f"{path}: expected a finite origin and rotation of the sensor, got {origin} and {rotation}")
+    if np.any(distance < 0.0):
+        raise InputError(f"{path}: expected distances of 0 and more, got {np.nanmin(distance):g}")
+    if len(distance) and not np.isfinite(distance).any():
+        raise InputError(f"{path}: expected rays that come back, got {len(distance)} of which none does")
     origin, rotation = origin.astype(np.float64), rotation.astype(np.float64)
     points, unseen = GrowingPoints(), [np.zeros((0, 3), np.float32)]
     for start in range(0, len(distance), BLOCK):

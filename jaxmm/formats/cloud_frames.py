@@ -25,6 +25,11 @@ def carried_by_file(scan: PointScan) -> PointScan:
     return scan._replace(points=points, in_world=True)
 
 
+def of_sensor(unseen: np.ndarray | None) -> np.ndarray | None:
+    """Directions (K, 3) in the frame of optics, in the sensor's; None stays so."""
+    return None if unseen is None else (unseen @ OPTICAL.T).astype(np.float32)
+
+
 def brought_upright(scan: PointScan, frame: str | None, y_up: bool) -> PointScan:
     """A scan of which nobody gives a pose, with z up.
 

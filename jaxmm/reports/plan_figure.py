@@ -306,7 +306,9 @@ def _first_clear(ways: list[np.ndarray], place: np.ndarray, taken: list[np.ndarr
 
     A way (2,) is to one place, or (K, 2) to several, as of what is wide; each of `taken` is (2,).
     """
-    room = [min((np.linalg.norm(place + way - one, axis=-1).min() for one in taken), default=apart) for way in ways]
+    if not taken:
+        return ways[0]
+    room = [np.linalg.norm(np.atleast_2d(place + way)[:, None] - np.array(taken), axis=2).min() for way in ways]
     return ways[next((number for number, one in enumerate(room) if one >= apart), int(np.argmax(room)))]
 
 

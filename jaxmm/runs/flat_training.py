@@ -111,7 +111,8 @@ MAKERS = {"flats": flats_of_draw, "rooms": low_rooms_of_draw, "built_in": built_
 
 def kept_scenes(folder: Path | None, kind: str, number: int) -> Examples:
     """Those of a draw of one of MAKERS, kept in a folder; None: in none."""
-    return kept_examples(folder and folder / f"{kind}-{number:06d}.npz", MAKERS[kind], number)
+    # The heights are in the name: a folder may hold draws of lower ones.
+    return kept_examples(folder and folder / f"{kind}-{LEARNT:g}m-{number:06d}.npz", MAKERS[kind], number)
 
 
 def low_ones(examples: Examples) -> Examples:

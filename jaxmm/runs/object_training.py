@@ -174,7 +174,9 @@ def boosted_trees(onto: ObjectJudge | None = None, rounds: int | None = None) ->
     )  # fmt: skip
 
 
-def fit(examples: Examples, onto: ObjectJudge | None = None, rounds: int | None = None, band: int = 0) -> ObjectJudge:
+def fit(
+    examples: Examples, onto: ObjectJudge | None = None, rounds: int | None = None, band: int | None = None
+) -> ObjectJudge:
     """The trees, each grown on a share of the candidates, drawn anew, and on a few clues at every branch.
 
     Args:
@@ -183,8 +185,13 @@ def fit(examples: Examples, onto: ObjectJudge | None = None, rounds: int | None 
             everywhere are gone on from, and come first with those of other bands. They stay as they are. What is
             learnt is whether anything is there: which type it is, they know from far more rooms.
         rounds: how many are grown; by default ROUNDS.
-        band: of rooms, in which further rounds count alone; see `ObjectJudge`.
+        band: of low rooms, from 1, in which further rounds count alone; see `ObjectJudge`. With `onto` alone.
+
+    Raises:
+        ValueError: a judge without a band, or a band without a judge.
     """
+    if (onto is None) != (not band):
+        raise ValueError("further rounds count in a band of low rooms, from 1, and first ones everywhere")
     clues, kind = examples.clues.astype(np.float32), examples.kind
     if onto is None:
         boosted = boosted_trees(rounds=rounds).fit(clues, kind)

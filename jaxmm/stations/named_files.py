@@ -97,6 +97,8 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
     laid = lay(prior, own, 1.0 if own.source == "searched" else reading.unit)
     pose, source, sensor, deviation = laid.pose, laid.source, reading.sensor, None
     notes, doubts = [*scan.remarks, *own.notes, *laid.notes], list(laid.doubts)
+    if sensor is not None and laid.unseen is not None:
+        notes.append("its file tells which rays brought nothing back: with --sensor the view is that sensor's instead")
     offsets = laid.offsets(prior.origin)
     thin = laid.way(laid.own[thinned_cloud(offsets, ESTIMATED_FROM)])
     if pose is not None:

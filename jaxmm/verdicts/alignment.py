@@ -203,10 +203,12 @@ def fitting_prior(path: Path | Model, options: Any, scans: list[OwnScan], unit: 
     if how.options.y_up != options.y_up:
         up = "y" if how.options.y_up else "z"
         notes.append(f"{path.name} fits the scans with {up} up, and was read that way; --up says which axis it is")
-    if how.options.frame == "sensor":
-        notes.append(f"{path.name}: {MEANINGS[1]}: so {best:.0%} of the scans lies on it, else {as_it_is:.0%}")
-    elif how.options.frame == "optical":
-        notes.append(f"{path.name} fits the scans {OF_OPTICS}, and was read so; --prior-frame says its frame")
+    if how.options.frame != options.frame:
+        notes.append(
+            f"{path.name}: {MEANINGS[1]}: so {best:.0%} of the scans lies on it, else {as_it_is:.0%}"
+            if how.options.frame == "sensor"
+            else f"{path.name} fits the scans {OF_OPTICS}, and was read so; --prior-frame says its frame"
+        )
     if factor != 1.0:
         notes.append(f"{path.name} fits the scans in {UNITS[factor]}, and was read so; --prior-unit says its unit")
     read = read_prior(path, dataclasses.replace(how.options, unit=options.unit * factor))
@@ -251,7 +253,7 @@ def _ways(path: Path | Model, options: Any, prior: Prior) -> Iterator[_Way]:
         yield _Way(dataclasses.replace(options, y_up=y_up), Y_UP_TO_Z_UP.T if y_up else Y_UP_TO_Z_UP)
     if prior.untold is not None:
         yield _carried(options, prior)
-    elif prior.cloud is not None and options.y_up is None and options.frame is None:
+    elif prior.frameless and options.y_up is None:
         yield _Way(dataclasses.replace(options, frame="optical"), OPTICAL)
 
 

@@ -23,7 +23,7 @@ from jaxmm.verdicts.placement import Placed
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import Key
 from jaxmm.verdicts.settings import DetectSettings
-from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, UNSCANNED, Verdict, keys_of
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, UNSCANNED, Verdict, keys_of
 from warp_scanner.scenes.building import Building, element_bounds, rows_by_key
 from warp_scanner.scenes.building_edits import move_element
 from warp_scanner.scenes.scenes import DOOR, WINDOW
@@ -198,12 +198,15 @@ def with_displaced(verdicts: list[Verdict], stands: AsBuilt, least_rays: int) ->
         verdict, enough = found[row].verdict, one.rays >= least_rays
         # What passes through its glass tells no more of what is partly of glass than what never got there.
         least = STANDS if verdict in (OCCLUDED, UNSCANNED) or row in glazed else WHOLLY
+        probability = found[row].probability
         if enough and one.stands >= least:
+            if verdict == REMOVED:  # by rays that pass through its place, while most end on it, off that
+                probability = min(probability, 1.0 - one.stands)
             verdict = PRESENT
         if verdict == PRESENT and is_displaced(one, stands.tolerance[row], least_rays):
             ajar = semantic[row] in (DOOR, WINDOW) and (one.turn is None or abs(one.turn) > AJAR)
             verdict = PRESENT if ajar else DISPLACED
-        found[row] = found[row]._replace(verdict=verdict)
+        found[row] = found[row]._replace(verdict=verdict, probability=probability)
     return found
 
 

@@ -11,6 +11,7 @@ from jaxmm.rays.scan_rays import NEAREST, PosedScan, ScanRays
 from jaxmm.vectors import lengths
 from jaxmm.verdicts.priors import Prior
 from warp_scanner.clouds.sightlines import cells_of
+from warp_scanner.scenes.building import faces_by_element
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import cast_triangles
 
@@ -49,8 +50,9 @@ def toward_far_elements(prior: Prior, scan: PosedScan, rays: ScanRays, whole: Po
     rare = np.flatnonzero(times * min(1.0, rays.measured / len(rays.pattern)) < RARELY)
     if not len(rare):
         return rays
-    drawn = cast_triangles(prior.scene, Rays(rays.position[None], rays.direction[: rays.measured])).element[0]
-    times += np.bincount(drawn[drawn >= 0], minlength=len(times))
+    drawn = cast_triangles(prior.scene, Rays(rays.position[None], rays.direction[: rays.measured]))
+    within = (drawn.element[0] >= 0) & (drawn.distance[0] <= rays.limit)
+    times += np.bincount(drawn.element[0][within], minlength=len(times))
     direction, element = _toward(prior, rays.position, (rare, times[rare] > 0), spacing)
     if not len(direction):
         return rays
@@ -83,8 +85,7 @@ def _toward(
     model the near ones that are hidden would alone be too many.
     """
     triangles, (rows, in_sight) = prior.scene.triangles, asked
-    order = np.argsort(triangles.element, kind="stable")
-    starts = np.searchsorted(triangles.element[order], np.arange(len(triangles.semantic) + 1))
+    order, starts = faces_by_element(triangles)
     views = []
     for row, is_first in zip(rows, in_sight, strict=True):
         faces = order[starts[row] : starts[row + 1]]

@@ -12,7 +12,7 @@ from jaxmm.rays.scan_rays import NEAREST, PosedScan, ScanRays
 from jaxmm.vectors import lengths
 from warp_scanner.buildings.positions import element_around, inside
 from warp_scanner.clouds.sightlines import cells_of
-from warp_scanner.scenes.building import Building, element_bounds
+from warp_scanner.scenes.building import Building, element_bounds, faces_by_element
 from warp_scanner.sensors.poses import rotation_of
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.sensors import Sensor, Spinning
@@ -158,8 +158,7 @@ def _outside_all(building: Building, places: np.ndarray) -> np.ndarray:
     """(C,) bool: inside no solid element. Only those whose bounds hold a place are asked, for they may be many."""
     triangles = building.triangles
     low, high = element_bounds(triangles)
-    order = np.argsort(triangles.element, kind="stable")
-    start = np.searchsorted(triangles.element[order], np.arange(len(low) + 1))
+    order, start = faces_by_element(triangles)
     free = np.ones(len(places), bool)
     for number, place in enumerate(places):
         around = np.flatnonzero(((low <= place) & (place <= high)).all(axis=1))

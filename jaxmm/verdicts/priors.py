@@ -63,7 +63,8 @@ class Prior(NamedTuple):
     # Position (3,) and rotation (3, 3) [m], of a cloud whose file says a pose, and not whether its points are in the
     # sensor's frame.
     untold: tuple[np.ndarray, np.ndarray] | None = None
-    optical: bool = False  # a cloud of which nobody told the frame, and that may be in that of optics: z forward
+    frameless: bool = False  # a cloud of which neither the user nor its file tells the frame
+    optical: bool = False  # then: it may be in that of optics, z forward
     # (E,) bool: in its place something else stands, and lower, as scans show: what ends there is no support.
     vacant: np.ndarray | None = None
 
@@ -96,19 +97,29 @@ def read_prior(path: Path | str | Model, options: ReadOptions = AS_IT_IS) -> Pri
             raise InputError(str(error)) from error
         file = PriorFile(path.name, kind, building.unit, building.project, sha256_of(path))
         return prior_of_building(building)._replace(file=file)
-    scans = [brought_upright(scan, options.frame, bool(options.y_up)) for scan in read_scans(path)]
+    read = read_scans(path)
+    if options.frame is not None and any(_tells_otherwise(scan, options.frame) for scan in read):
+        raise InputError(f"{path}: its file tells the frame of its points: --prior-frame {options.frame} does not fit")
+    scans = [brought_upright(scan, options.frame, bool(options.y_up)) for scan in read]
     notes = tuple(f"{path.name}: {note}" for scan in scans for note in scan.remarks)
     points = scans[0].points if len(scans) == 1 else np.concatenate([scan.points for scan in scans])
     prior = prior_of_cloud(points if options.unit == 1.0 else points * options.unit, notes)
     stray = _stray(prior, scans, options.unit)
     (first, *others), untold, optical = scans, None, False
-    if not others and options.frame is None and first.frame is None and not first.in_world:
+    frameless = not others and options.frame is None and first.frame is None and not first.in_world
+    if frameless:
         if first.position is not None:
             untold = first.position * options.unit, first.rotation
         elif options.y_up is None:
             optical = _may_be_optical(first.points, options.unit)
     file = PriorFile(path.name, kind, options.unit, None, sha256_of(path))
-    return prior._replace(stray=stray, file=file, untold=untold, optical=optical)
+    return prior._replace(stray=stray, file=file, untold=untold, frameless=frameless, optical=optical)
+
+
+def _tells_otherwise(scan: PointScan, frame: str) -> bool:
+    """Whether a file says that its points are in another frame; what its pose took to the world is of a sensor."""
+    own = scan.frame or ("sensor" if scan.in_world else frame)
+    return own != frame and not (scan.in_world and frame == "world")
 
 
 def _may_be_optical(points: np.ndarray, unit: float) -> bool:
@@ -116,10 +127,11 @@ def _may_be_optical(points: np.ndarray, unit: float) -> bool:
 
     That is near and far, and little of it hidden behind the rest.
     """
-    before_x, before_z = is_before(thinned(points))
+    thin = thinned(points)
+    before_x, before_z = is_before(thin)
     if before_x or not before_z:
         return False
-    low, middle, high = np.percentile(thinned(points)[:, 2], [2, 50, 98])
+    low, middle, high = np.percentile(thin[:, 2], [2, 50, 98])
     return bool(high - low > DEEP * middle and overtaken(drawn(points, np.zeros(3)) * unit, np.zeros(3)) <= MOST_BEHIND)
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.formats.cloud_frames import FRAMES, Y_UP_TO_Z_UP, carried_by_file, is_optical
+from jaxmm.formats.cloud_frames import FRAMES, Y_UP_TO_Z_UP, carried_by_file, is_optical, of_sensor
 from jaxmm.formats.poses import OPTICAL, GivenPose
 from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import ON, Distance, fit_of, thinned
@@ -264,9 +264,8 @@ def _on(scan: OwnScan, distances: Sequence[Distance], unit: float | None) -> flo
 def _as_sensor(scan: PointScan) -> tuple[PointScan, Motion]:
     """A scan whose own frame is optical, as if it were the sensor's once a motion took its points there."""
     rotation = None if scan.rotation is None else scan.rotation @ OPTICAL.T
-    unseen = None if scan.unseen is None else (scan.unseen @ OPTICAL.T).astype(np.float32)
     # In the world only the rotation is still of that frame.
-    return scan._replace(rotation=rotation, unseen=unseen), STILL if scan.in_world else Motion(OPTICAL)
+    return scan._replace(rotation=rotation, unseen=of_sensor(scan.unseen)), STILL if scan.in_world else Motion(OPTICAL)
 
 
 def _as_seen(scan: PointScan) -> PointScan:

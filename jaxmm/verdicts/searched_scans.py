@@ -5,6 +5,7 @@ N points of a scan.
 
 import numpy as np
 
+from jaxmm.formats.cloud_frames import of_sensor
 from jaxmm.formats.poses import OPTICAL
 from jaxmm.formats.readers import PointScan
 from jaxmm.formats.units import UNITS, height
@@ -71,9 +72,10 @@ def _searched(prior: Prior, scan: PointScan, frame: str, unit: float | None) -> 
         note += f"; {place.gone} of the elements in view counted as gone for it"
     motion = motion.then(Motion(unit * np.eye(3)))
     position = place.position + prior.origin
+    unseen = of_sensor(scan.unseen) if (scan.frame or frame) == "optical" else scan.unseen
     return OwnScan(
-        scan.points, position, place.rotation, "searched", True, notes=(*told, note), motion=motion, unseen=scan.unseen
-    )  # fmt: skip
+        scan.points, position, place.rotation, "searched", True, notes=(*told, note), motion=motion, unseen=unseen
+    )
 
 
 def to_own_frame(scan: PointScan, frame: str) -> Motion:

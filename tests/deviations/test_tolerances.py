@@ -38,7 +38,11 @@ def test_a_class_may_have_its_own_tolerance(tmp_path):
     assert load_settings(file).deviations.of("slab") == 0.015
 
 
-@pytest.mark.parametrize("line, word", [("wall = -0.01", "-0.01"), ("stair = 0.01", "stair"), ("most = 2.0", "2.0")])
+@pytest.mark.parametrize("line, word", [
+    ("wall = -0.01", "-0.01"), ("stair = 0.01", "stair"), ("most = 2.0", "2.0"),
+    ("wall = 0.2\nmost = 0.1", "wall: expected a tolerance up to most, which is 0.1 m, got 0.2"),
+    ("most = 0.02", "tolerance: expected a tolerance up to most, which is 0.02 m, got 0.03"),
+])  # fmt: skip
 def test_tolerances_that_are_none_are_refused_in_one_line(tmp_path, line, word):
     file = tmp_path / "wrong.toml"
     file.write_text(f"[deviations]\n{line}\n")

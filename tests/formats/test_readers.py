@@ -229,3 +229,18 @@ def test_rays_of_an_npz_file_that_brought_nothing_back_are_known(tmp_path):
     assert found.unseen.dtype == np.float32 and len(found.unseen) == len(wanted)
     apart = np.linalg.norm(found.unseen[:, None] - wanted[None], axis=2)
     assert apart.min(axis=0).max() < 1e-6 and len(np.unique(apart.argmin(axis=1))) == len(wanted)
+
+
+@pytest.mark.parametrize("name, value, words", [
+    ("distance", -1.0, "expected distances of 0 and more, got -1"),
+    ("distance", np.inf, "expected rays that come back, got 200 of which none does"),
+    ("origin", np.nan, "expected a finite origin and rotation of the sensor"),
+])  # fmt: skip
+def test_rays_that_are_none_are_named(tmp_path, name, value, words):
+    scan = scan_of(POSE)
+    writers.write_scan(tmp_path / "a.npz", scan)
+    arrays = dict(np.load(tmp_path / "a.npz"))
+    arrays[name] = np.full_like(arrays[name], value)
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(InputError, match=f"a.npz: {words}"):
+        read_scans(tmp_path / "a.npz")

@@ -190,7 +190,10 @@ for (const [scan, place] of %s.entries()) {
   settle();
   seen.push(hook.project(place));
 }
-return { seen, buttons: views.filter((one) => one.tag === "button").length, value: list?.value ?? "" };
+const chosen = list?.value ?? "";
+list?.emit("blur");
+const left = list?.value ?? "";
+return { seen, buttons: views.filter((one) => one.tag === "button").length, chosen, left };
 """
 
 
@@ -204,5 +207,6 @@ def test_the_view_goes_to_every_scan_however_many_there_are(removed, tmp_path, c
     ahead = np.array([pose[:3] for pose in poses]) + 2.0 * np.stack([np.cos(yaws), np.sin(yaws), 0.0 * yaws], axis=1)
     told = run(tmp_path, removed._replace(scans=scans), FROM_SCANS % json.dumps(ahead.tolist()))
     assert told["buttons"] == buttons
-    assert told["value"] == ""  # the same scan can be chosen again
+    assert told["chosen"] == (str(count - 1) if buttons == 2 else "")  # keys go on from there
+    assert told["left"] == ""  # the same scan can be chosen again
     np.testing.assert_allclose(told["seen"], [[400.0, 300.0]] * count, atol=1.0)

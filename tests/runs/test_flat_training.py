@@ -78,6 +78,8 @@ def test_trees_that_go_on_from_others_learn_what_these_were_wrong_about_and_coun
     grown = fit(examples, other, rounds=40, band=band)
     np.testing.assert_array_equal(grown.leaf[:100], judge.leaf)
     assert grown.low.tolist() == 90 * [0] + 10 * [3 - band] + 40 * [band] and len(low_ones(examples).kind) == 600
+    with pytest.raises(ValueError, match="further rounds count in a band of low rooms"):
+        fit(examples, other, rounds=40)
     again = fit(examples, grown, rounds=40, band=band)  # in place of those of the same band
     np.testing.assert_array_equal(again.leaf, grown.leaf)
     before, after = judge_objects(other, clues), judge_objects(grown, clues)

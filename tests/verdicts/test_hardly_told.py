@@ -69,3 +69,5 @@ def test_what_rays_end_on_stands_though_its_place_is_open(stands, verdict):
     gone = [Verdict("removed", 0.9, 100, (50, 50, 0, 0))] * ROW
     told = with_displaced(gone, AsBuilt(prior, {EAST: one}, np.full(ROW, 0.03), {}), 20)
     assert [one.verdict for one in told] == ["removed"] * EAST + [verdict] + ["removed"] * (ROW - EAST - 1)
+    # A verdict and its probability do not contradict each other.
+    assert told[EAST].probability == pytest.approx(0.01 if verdict == "present" else 0.9)

@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.views.floor_plans import building_of_plans
+from jaxmm.formats.poses import OPTICAL
 from jaxmm.formats.readers import PointScan
 from jaxmm.inputs import Misfit
 from jaxmm.verdicts.panoramas import AZIMUTHS, fits_of, panorama_of, span_of_azimuth, upright_of
@@ -197,6 +198,9 @@ def test_a_pose_in_the_file_says_only_where_its_zero_is():
     np.testing.assert_allclose(to_own_frame(PointScan(own, None, None, ()), "world").of(own), own)
     optical = np.column_stack([-own[:, 1], -own[:, 2], own[:, 0]])
     np.testing.assert_allclose(to_own_frame(PointScan(optical, None, None, ()), "optical").of(optical), own, atol=1e-9)
+    ahead, lies = np.array([[1.0, 0.0, 0.0]], np.float32), PointScan(optical, None, None, ())
+    nowhere = searched_scan(prior, lies._replace(unseen=ahead @ OPTICAL), "optical", None).unseen
+    np.testing.assert_allclose(nowhere, ahead, atol=1e-6)
     found = searched_scan(prior, PointScan(own * 1000.0, None, None, ()), "world", None)
     assert found.source == "searched" and "millimetres" in found.notes[0]
     assert re.fullmatch(r"its pose was searched: \d+ places tried, it matches \d+% there and at most \d+% elsewhere",

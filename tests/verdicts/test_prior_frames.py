@@ -150,3 +150,30 @@ def test_a_low_cloud_is_told_in_its_unit_where_it_lies_on_the_scan(tmp_path, sca
 def test_no_other_frame_is_known():
     with pytest.raises((ValueError, InputError), match="frame must be one of"):
         ReadOptions(frame="camera")
+
+
+def test_a_file_that_tells_the_frame_of_its_points_is_asked_in_no_other(tmp_path):
+    """An NPZ of rays has them in the sensor's frame, with its pose: nothing is turned that was moved by that."""
+    own = view().astype(np.float32)
+    rays = {"direction": own / np.linalg.norm(own, axis=1, keepdims=True), "distance": np.linalg.norm(own, axis=1)}
+    rays |= {"origin": PLACE.astype(np.float32), "rotation": TURN.astype(np.float32)}
+    np.savez(tmp_path / "rays.npz", **{name: np.asarray(values, np.float32) for name, values in rays.items()})
+    for frame in (None, "world", "sensor"):
+        read = read_prior(tmp_path / "rays.npz", ReadOptions(frame=frame))
+        np.testing.assert_allclose(corners(read.cloud + read.origin), corners(own @ TURN.T + PLACE), atol=0.1)
+    with pytest.raises(InputError, match=r"rays\.npz: its file tells the frame of its points: --prior-frame optical"):
+        read_prior(tmp_path / "rays.npz", ReadOptions(frame="optical"))
+    lying = own_scan(plain((own @ TURN.T + PLACE) @ OPTICAL.T), None, "world")
+    assert not any(
+        "optical" in note for note in fitting_prior(tmp_path / "rays.npz", ReadOptions(), [lying], None).notes
+    )
+
+
+def test_what_was_told_of_a_frame_is_not_told_as_found(tmp_path):
+    own = view()
+    np.save(tmp_path / "kinect.npy", own @ OPTICAL / 0.001)
+    scan = own_scan(plain(own), STILL, "sensor")
+    found = fitting_prior(tmp_path / "kinect.npy", ReadOptions(frame="optical"), [scan], None)
+    np.testing.assert_allclose(corners(found.cloud), corners(own), atol=0.1)
+    assert any("fits the scans in millimetres" in note for note in found.notes)
+    assert not any("--prior-frame" in note for note in found.notes)

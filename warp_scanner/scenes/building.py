@@ -263,6 +263,12 @@ def element_bounds(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
     return spans[0], spans[1]
 
 
+def faces_by_element(triangles: Triangles) -> tuple[np.ndarray, np.ndarray]:
+    """The faces (T,) int of one element after another, and where those of each begin, and the last end (E + 1,)."""
+    order = np.argsort(triangles.element, kind="stable")
+    return order, np.searchsorted(triangles.element[order], np.arange(len(triangles.semantic) + 1))
+
+
 def fixed(triangles: Triangles) -> np.ndarray:
     """(E,) bool: what is part of the building; nothing that is added, and no sensor, stands on its furniture."""
     return ~np.isin(triangles.semantic, _MOVABLE)

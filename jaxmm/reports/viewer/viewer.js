@@ -177,14 +177,14 @@ function refresh() {
   redraw();
 }
 
-/** A list of [name, () => camera]; choosing one flies there, and the list is ready for the same one again. */
+/** A list of [name, () => camera]; choosing one flies there. Left again, it is ready for the same one. */
 function choiceOf(title, views) {
   const list = make("select", { "aria-label": title }, make("option", { value: "" }, title));
   list.append(...views.map(([name], index) => make("option", { value: index }, name)));
   list.addEventListener("change", () => {
-    fly(views[list.value][1]());
-    list.value = "";
+    if (list.value !== "") fly(views[list.value][1]());
   });
+  list.addEventListener("blur", () => { list.value = ""; }); // not before: keys go on from what is chosen
   return list;
 }
 
