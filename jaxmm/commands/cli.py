@@ -85,21 +85,31 @@ def _run(options: argparse.Namespace) -> int:
         if options.command not in WITHOUT_JAX:
             check_devices()
         options.run(options)
-    except KeyboardInterrupt as stop:
-        told = str(stop) or GOES_ON.get(options.command, "nothing was written")
-        return _failed(options, f"interrupted; {told}", 1)
-    except InputError as error:
-        return _failed(options, str(error), 2)
-    except OSError as error:
-        if options.command in WRITERS and error.filename is not None:  # others are not about a file
-            return _failed(options, f"{error.filename}: {error.strerror}", 2)
-        return _failed(options, _described(error), 1)
-    except Exception as error:
-        return _failed(options, _described(error), 1)
+    except (KeyboardInterrupt, Exception) as error:
+        return _told(options, error)
     return 0
 
 
-def _described(error: Exception) -> str:
+def _told(options: argparse.Namespace, error: BaseException) -> int:
+    stop = _interruption(error)
+    if stop is not None:
+        told = str(stop) or GOES_ON.get(options.command, "nothing was written")
+        return _failed(options, f"interrupted; {told}", 1)
+    if isinstance(error, InputError):
+        return _failed(options, str(error), 2)
+    if isinstance(error, OSError) and options.command in WRITERS and error.filename is not None:
+        return _failed(options, f"{error.filename}: {error.strerror}", 2)  # others are not about a file
+    return _failed(options, _described(error), 1)
+
+
+def _interruption(error: BaseException | None) -> KeyboardInterrupt | None:
+    """The Ctrl-C behind an error: one that comes while Python waits for a lock of its threads ends as that lock's."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error
+
+
+def _described(error: BaseException) -> str:
     lines = str(error).strip().splitlines() or [""]
     return f"{type(error).__name__}: {lines[0]}"
 

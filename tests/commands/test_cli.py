@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
 
@@ -16,6 +17,7 @@ import pytest
 
 from jaxmm import run_folder
 from jaxmm.commands import cli
+from jaxmm.inputs import InputError
 from jaxmm.runs import main_job
 
 COMMANDS = ("reproduce", "generate", "train", "evaluate", "thesis", "scan", "benchmark")
@@ -225,6 +227,23 @@ def test_what_an_interrupted_command_keeps_is_told(capsys):
         options = argparse.Namespace(command=name, run=interrupted, debug=False)
         assert cli._run(options) == 1
         assert capsys.readouterr().err == f"jaxmm {name}: interrupted; {words}\n"
+
+
+def test_an_interruption_that_ends_as_the_error_of_a_lock_is_told_as_one(capsys):
+    """What Python's own threads make of a Ctrl-C at the wrong moment, and a reader of errors of that."""
+
+    def interrupted(*_):
+        try:
+            try:
+                raise KeyboardInterrupt
+            finally:
+                threading.Lock().release()  # of none
+        except RuntimeError as error:
+            raise InputError(f"settings: {error}") from error
+
+    options = argparse.Namespace(command="train", run=interrupted, debug=False)
+    assert cli._run(options) == 1
+    assert capsys.readouterr().err == "jaxmm train: interrupted; the same command with --resume goes on\n"
 
 
 def test_the_version_is_told(capsys):
