@@ -1,13 +1,13 @@
 """What `detect --classes all` tells of every class of elements: what is called removed, rightly and wrongly.
 
-    python -m benchmarks.classes FOLDER --out runs/classes [--views 4] [--seed 3]
+    python -m benchmarks.classes FOLDER --out runs/classes [--views 4] [--seed 3] [--project FOLDER]
 
-Places in every IFC file below FOLDER, by sensors that err as built. In three of four views one to five elements are
-out, drawn class by class from those that the noise-free scan shows at 100 rays or more. In half of the views rays pass
-the glass of windows, which the model has as solid; in a third one door that is seen stands open: its leaf is turned by
-30 to 170 degrees, its frame stays. *Testable* is an element that is out where 500 noise-free rays or more that should
-end on it end more than 0.1 m behind it. A JSON file for each file and sensor; what is there is not made again. Prints
-Markdown.
+Places in every IFC file below FOLDER, and in the one building of all files of --project, by sensors that err as built.
+In three of four views one to five elements are out, drawn class by class from those that the noise-free scan shows at
+100 rays or more. In half of the views rays pass the glass of windows, which the model has as solid; in a third one door
+that is seen stands open: its leaf is turned by 30 to 170 degrees, its frame stays. *Testable* is an element that is out
+where 500 noise-free rays or more that should end on it end more than 0.1 m behind it. A file of JSON lines for each file
+and sensor; what is there is not made again, so that more --views go on from fewer. Prints Markdown.
 """
 
 from collections import Counter
@@ -23,13 +23,14 @@ from jaxmm.learning.prediction import Judges
 from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import Prior
+from jaxmm.verdicts.results import Key
 from jaxmm.verdicts.settings import DetectSettings
-from jaxmm.verdicts.verdicts import DISPLACED, PRESENT, REMOVED, VERDICTS
+from jaxmm.verdicts.verdicts import DISPLACED, PRESENT, REMOVED, VERDICTS, keys_of
 from warp_scanner import draws
 from warp_scanner.buildings.changes import Change, of_element
 from warp_scanner.buildings.positions import draw_positions
 from warp_scanner.rooms.standing import Standing
-from warp_scanner.scenes.building import Triangles
+from warp_scanner.scenes.building import Triangles, rows_by_key
 from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.sense import rays_of
 from warp_scanner.sensors.sensors import sensor_named
@@ -74,6 +75,7 @@ def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]
     told = np.bincount(tells[tells >= 0], minlength=len(semantic))
     scan, _ = scanned(scene, present, (sensor, pose), which)
     elements = prior.building.elements
+    keys = list(zip(elements.file, elements.guid, strict=True))
     record: dict[str, Any] = {
         "out": [[elements.ifc_class[row], elements.guid[row], int(told[row])] for row in out],
         "clear": bool(is_clear), "ajar": [elements.guid[row] for row in ajar],
@@ -88,21 +90,31 @@ def _view(prior: Prior, judges: Judges, sensor_name: str, which: tuple[int, int]
         )
     except InputError as error:
         return record | {"refused": str(error)}
-    verdict = {one.guid: one.verdict for one in found.elements}
-    wrong = {one.guid: one for one in found.elements if one.verdict == REMOVED}
-    for _, guid, _ in record["out"]:
-        wrong.pop(guid, None)
-    wholes = {one.guid for one in prior.building.wholes}
-    counted = Counter(one.ifc_class for one in found.elements if one.verdict in TOLD and one.guid not in wholes)
+    verdict = {one.key: one for one in found.elements}
+    gone = _gone(prior, {keys[row] for row in out})
+    # What another file has, too, is told as what it is the same as.
+    twins = {key for one in found.elements for key in one.same_as}.difference(keys)
+    standing = [one for key, one in verdict.items() if key not in gone | twins]
     return record | {
-        "verdicts": [verdict[guid] for _, guid, _ in record["out"]],
+        "verdicts": [verdict[keys[row]].verdict for row in out],
+        "rays": [list(verdict[keys[row]].rays) for row in out],
         "wrong": [
-            [one.ifc_class, guid, list(one.rays), round(one.probability, 4), one.name] for guid, one in wrong.items()
-            if guid not in wholes
+            [one.ifc_class, one.guid, list(one.rays), round(one.probability, 4), one.name] for one in standing
+            if one.verdict == REMOVED
         ],
-        "told": dict(counted), "doubts": list(found.doubts), "seconds": found.timing["total"],
-        "unexplained": len(getattr(found, "unexplained", ())),
+        "told": dict(Counter(one.ifc_class for one in standing if one.verdict in TOLD)),
+        "doubts": list(found.doubts), "seconds": found.timing["total"], "unexplained": len(found.unexplained),
     }  # fmt: skip
+
+
+def _gone(prior: Prior, out: set[Key]) -> set[Key]:
+    """What is out, and what is put together from nothing else."""
+    wholes = [
+        ((whole.file, whole.guid), [(whole.file, guid) for guid in whole.parts]) for whole in prior.building.wholes
+    ]
+    wholes += [(key, list(whole.pieces)) for whole in prior.building.pieced for key in keys_of(whole)]
+    body = set(rows_by_key(prior.building.elements))
+    return out | {key for key, parts in wholes if (out >= set(parts) and (key in out or key not in body))}
 
 
 def _drawn(prior: Prior, seen: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -181,19 +193,18 @@ def table(out: Path, seed: int) -> str:
     """All files and sensors, a row for each class, as Markdown."""
     views = [one for sensor in SENSORS for one in kept_views(out, sensor, seed)]
     believed = [one for one in views if "refused" not in one]
-    gone, else_told, wrong, standing = Counter(), Counter(), Counter(), Counter()
+    gone, testable_told, wrong, standing = Counter(), Counter(), Counter(), Counter()
     for one in believed:
         standing.update(one["told"])
         wrong.update(kind for kind, *_ in one["wrong"])
         for (kind, _, rays), verdict in zip(one["out"], one["verdicts"], strict=True):
             gone[kind] += 1
-            standing[kind] -= verdict in TOLD
             if rays >= LEAST_RAYS:
-                else_told[kind, verdict] += 1
+                testable_told[kind, verdict] += 1
     lines = [f"| {' | '.join(CLASS_COLUMNS)} |", f"|{' --- |' * len(CLASS_COLUMNS)}"]
     kinds = sorted(standing | gone)
     for name, some in (*((kind, [kind]) for kind in kinds), ("all", kinds)):
-        told = {verdict: sum(else_told[kind, verdict] for kind in some) for verdict in VERDICTS}
+        told = {verdict: sum(testable_told[kind, verdict] for kind in some) for verdict in VERDICTS}
         testable, count = sum(told.values()), [sum(of[kind] for kind in some) for of in (gone, standing, wrong)]
         others = [told[verdict] for verdict in VERDICTS if verdict != REMOVED]
         cells = [name, count[0], share_of(testable, count[0]), share_of(told[REMOVED], testable), *others, count[1]]
@@ -209,6 +220,6 @@ def table(out: Path, seed: int) -> str:
 
 
 if __name__ == "__main__":
-    asked = asked_for(__doc__, FULL, SMOKE)
-    tell_views(_view, asked)
+    asked = asked_for(__doc__, FULL, SMOKE, projects=True)
+    tell_views(_view, asked, [asked.project] if asked.project else [])
     print(table(asked.out, asked.seed))

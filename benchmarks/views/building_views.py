@@ -1,11 +1,12 @@
-"""Views of building files by several sensors: what is told of each, a JSON file for each file and sensor.
+"""Views of building files by several sensors: what is told of each, a file of JSON lines for each file and sensor.
 
-And the building files themselves: those of a folder, or one of a generated room, for smoke runs.
+A run that was ended goes on where it was, and one of more views keeps what fewer have told. And the building files
+themselves: those of a folder, or one of a generated room, for smoke runs.
 """
 
 import argparse
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,13 @@ import numpy as np
 
 from benchmarks.command_line import CommandLine, end_without
 from benchmarks.rays import rooms_and_poses
-from jaxmm.files import load_json, write_json
+from benchmarks.views.kept_views import KeptViews
 from jaxmm.learning.prediction import Judges, read_judges
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.verdicts.priors import Prior, read_prior
 from jaxmm.weights import DEFAULT
 from warp_scanner import draws
+from warp_scanner.buildings.model_files import model_of
 from warp_scanner.buildings.positions import draw_positions
 from warp_scanner.buildings.room_ifc import write_room
 from warp_scanner.clouds.points import points_of
@@ -36,13 +38,15 @@ SEED = 3  # of the test places
 Teller = Callable[[Prior, Judges, str, tuple[int, int]], dict[str, Any] | None]
 
 
-def asked_for(about: str, full: dict[str, Any], smoke: dict[str, Any]) -> argparse.Namespace:
-    """The command line: FOLDER, --out, --views and --seed; sizes are `views` and `sensors`."""
+def asked_for(about: str, full: dict[str, Any], smoke: dict[str, Any], projects: bool = False) -> argparse.Namespace:
+    """The command line: FOLDER, --out, --views, --seed, and --project if asked for; sizes: `views` and `sensors`."""
     parser = CommandLine(about, full, smoke)
     parser.add_input("folder")
     parser.add_out()
     parser.add_argument("--views", type=int, metavar="N", help="of each file and sensor")
     parser.add_argument("--seed", type=int, default=SEED, metavar="N")
+    if projects:
+        parser.add_argument("--project", type=Path, metavar="FOLDER", help="also in one building of all its files")
     asked = parser.parse_args()
     asked.folder = asked.folder or made_building(parser.scratch / "ifc")
     return asked
@@ -61,9 +65,15 @@ def ifc_files(folder: Path) -> list[Path]:
     return paths or end_without(f"{folder}: expected IFC files, found {'none' if folder.is_dir() else 'no folder'}")
 
 
-def tell_views(teller: Teller, asked: argparse.Namespace) -> None:
-    """Views of every IFC file below a folder by every sensor, on all cores; what is there is not made again."""
-    paths = ifc_files(asked.folder)
+def tell_views(teller: Teller, asked: argparse.Namespace, projects: Sequence[Path] = ()) -> None:
+    """Views of every IFC file below a folder by every sensor, on all cores; what is there is not made again.
+
+    Args:
+        teller: what is told of a view.
+        asked: the command line.
+        projects: further folders, whose files are one building each.
+    """
+    paths = [*ifc_files(asked.folder), *projects]
     asked.out.mkdir(parents=True, exist_ok=True)
     with worker_pool() as pool:
         tasks = [(teller, path, sensor, asked) for path, sensor in itertools.product(paths, asked.sensors)]
@@ -72,8 +82,12 @@ def tell_views(teller: Teller, asked: argparse.Namespace) -> None:
 
 
 def kept_views(out: Path, sensor: str, seed: int) -> list[dict[str, Any]]:
-    """What was told of all files by one sensor."""
-    return [one for path in sorted(out.glob(f"*_{sensor}_{seed}.json")) for one in load_json(path)["views"]]
+    """What was told of all files by one sensor, `model` said with each."""
+    found = []
+    for path in sorted(out.glob(f"*_{sensor}_{seed}.jsonl")):
+        model = path.stem.removesuffix(f"_{sensor}_{seed}")
+        found += [{"model": model} | one for _, one in KeptViews(path).items() if one is not None]
+    return found
 
 
 def building_places(folder: Path, count: int, seed: int) -> Iterator[tuple[Prior, Pose, int]]:
@@ -109,9 +123,10 @@ def scanned(
 
 def _part(task: tuple[Teller, Path, str, argparse.Namespace]) -> str:
     teller, path, sensor, asked = task
-    kept = asked.out / f"{path.stem}_{sensor}_{asked.seed}.json"
-    if not kept.exists():
-        prior, judges = read_prior(path), read_judges(DEFAULT)
-        told = [teller(prior, judges, sensor, (asked.seed, number)) for number in range(asked.views)]
-        write_json(kept, {"views": [one for one in told if one is not None]})
-    return kept.stem
+    name = f"{path.stem}_{sensor}_{asked.seed}"
+    kept = KeptViews(asked.out / f"{name}.jsonl")
+    if wanted := [number for number in range(asked.views) if not kept.has((number,))]:
+        prior, judges = read_prior(model_of(path)), read_judges(DEFAULT)
+        for number in wanted:
+            kept.add((number,), teller(prior, judges, sensor, (asked.seed, number)))
+    return name

@@ -19,7 +19,8 @@ class KeptViews:
     """
 
     def __init__(self, path: Path | None = None):
-        self._path, self._told = path, {}
+        self._path: Path | None = path
+        self._told: dict[Key, dict[str, Any] | None] = {}
         if path is not None and path.exists():
             for line in path.read_text(encoding="utf-8").splitlines():
                 try:
@@ -32,14 +33,14 @@ class KeptViews:
         """Whether a view was told."""
         return key in self._told
 
-    def add(self, key: Key, told: dict[str, Any]) -> None:
-        """Keep what was told of a view."""
+    def add(self, key: Key, told: dict[str, Any] | None) -> None:
+        """Keep what was told of a view; None where there is no such view."""
         self._told[key] = told
         if self._path is not None:
             with self._path.open("a", encoding="utf-8") as file:
                 # The end of a line comes before the next one: what a run was ended in is a line by itself.
                 file.write("\n" + json.dumps([key, told]))
 
-    def items(self) -> Iterator[tuple[Key, dict[str, Any]]]:
+    def items(self) -> Iterator[tuple[Key, dict[str, Any] | None]]:
         """Every view that was told, the first first."""
         return iter(self._told.items())
