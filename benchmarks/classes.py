@@ -4,10 +4,10 @@
 
 Places in every IFC file below FOLDER, and in the one building of all files of --project, by sensors that err as built.
 In three of four views one to five elements are out, drawn class by class from those that the noise-free scan shows at
-100 rays or more. In half of the views rays pass the glass of windows, which the model has as solid; in a third one door
-that is seen stands open: its leaf is turned by 30 to 170 degrees, its frame stays. *Testable* is an element that is out
-where 500 noise-free rays or more that should end on it end more than 0.1 m behind it. A file of JSON lines for each file
-and sensor; what is there is not made again, so that more --views go on from fewer. Prints Markdown.
+100 rays or more. In half of the views rays pass the glass of windows, which the model has as solid; in a third one
+door that is seen stands open: its leaf is turned by 30 to 170 degrees, its frame stays. *Testable* is an element that
+is out where 500 noise-free rays or more that should end on it end more than 0.1 m behind it. A file of JSON lines for
+each file and sensor; what is there is not made again, so that more --views go on from fewer. Prints Markdown.
 """
 
 from collections import Counter

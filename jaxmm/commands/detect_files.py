@@ -23,9 +23,9 @@ from jaxmm.reports.page import write_page
 from jaxmm.reports.plain_files import write_plain
 from jaxmm.reports.workbook import MISSING, WORKBOOK, write_workbook
 from jaxmm.stations.named_files import Reading, frames_that_fit, read_station, told_of
-from jaxmm.stations.sources import Found, names_of, scan_of, sources_of
+from jaxmm.stations.sources import Found, ScanSource, names_of, scan_of, sources_of
 from jaxmm.stations.work_folder import Shared, Work, engine_of, kept_stations
-from jaxmm.verdicts.alignment import fitting_prior
+from jaxmm.verdicts.alignment import fitting_prior, prior_frame_that_fits
 from jaxmm.verdicts.detection import detect_stations
 from jaxmm.verdicts.panoramas import LEAST_SPAN
 from jaxmm.verdicts.priors import Prior, kind_of
@@ -103,7 +103,7 @@ def detect(
                     stations.each(read_station, read, reading, may_leave_out=True)
                     detection = detect_stations(read, stations, settings)
         except Misfit as error:
-            others = frames_that_fit(read, sources, reading) - {""}
+            others = frames_that_fit(read, sources, reading) - {""} or _prior_frames(files_of_prior, sources, reading)
             if len(others) != 1:
                 raise
             raise Misfit(f"{error}; its points do lie on the prior {others.pop()}") from error
@@ -142,6 +142,12 @@ def _prior_for(model: Model, found: list[Found], reading: Reading) -> Prior:
             found[number] = one, scan
             posed.append(own_scan(scan, one.pose, reading.frame))
     return fitting_prior(model, reading.prior, posed, reading.unit)
+
+
+def _prior_frames(model: Model, sources: list[ScanSource], reading: Reading) -> set[str]:
+    """In which other frames than stated a cloud that is the prior would be fitted by the scans."""
+    posed = [own_scan(scan_of(one), one.pose, reading.frame) for one in sources if one.pose != SEARCH and not one.error]
+    return {prior_frame_that_fits(model, reading.prior, posed, reading.unit)} - {""}
 
 
 def write_all(

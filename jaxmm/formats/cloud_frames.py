@@ -3,16 +3,23 @@
 N points of a scan, or of a cloud that is a prior. World frame: z up.
 """
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 
 from jaxmm.formats.poses import OPTICAL
 from jaxmm.formats.raw_scans import to_world
 from jaxmm.formats.readers import PointScan
+from jaxmm.inputs import InputError
 from jaxmm.vectors import directions
 
 FRAMES = ("world", "sensor", "optical")
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of rows
 AHEAD, WIDE = 0.98, 70.0  # share of a camera's points within an angle [deg] of where it looks
+BENEATH, MOST_BENEATH = 20.0, 5e-4  # [deg] from straight down, where a scanner sees nothing; stray points there
+BY_A_POLE = 2.5  # times as many points as level
+LEAST_SEEN = 5  # points that tell that it looked some way
 UPRIGHT = 30.0  # [deg] from upright, within which the axis is of what looks around
 
 
@@ -52,11 +59,48 @@ def brought_upright(scan: PointScan, frame: str | None, y_up: bool) -> PointScan
     return scan._replace(position=scan.position @ Y_UP_TO_Z_UP, rotation=Y_UP_TO_Z_UP.T @ scan.rotation)
 
 
+def check_frame(path: Path, scans: Sequence[PointScan], frame: str | None) -> None:
+    """Refuse a frame that the user tells, where a file tells another; None: untold.
+
+    What the pose in a file took to the world was of a sensor, and may be told to be of either.
+
+    Raises:
+        InputError: one line that names the right one.
+    """
+    for scan in scans:
+        own = scan.frame or ("sensor" if scan.in_world else frame)
+        if frame is not None and own != frame and not (scan.in_world and frame == "world"):
+            raise InputError(
+                f"{path}: its file tells the frame of its points: --prior-frame {frame} does not fit; leave it out, "
+                f"or give --prior-frame {own}"
+            )
+
+
+def without_pose(path: Path, scans: Sequence[PointScan], frame: str | None) -> tuple[str, ...]:
+    """A note on a file that says no pose, where its points are told to be in a sensor's frame, or that of optics."""
+    if frame not in ("sensor", "optical") or all(one.position is not None or one.in_world for one in scans):
+        return ()
+    return (f"{path.name} says no pose: its sensor was taken to be at zero, level, and to look along x",)
+
+
 def is_before(points: np.ndarray) -> tuple[bool, bool]:
     """Whether all that a camera sees lies before the x axis of its points (N, 3), and before the z axis."""
     unit = directions(points)
     before_x, _, before_z = np.mean(unit > np.cos(np.radians(WIDE)), axis=0) >= AHEAD
     return bool(before_x), bool(before_z)
+
+
+def is_around_y(own: np.ndarray) -> bool:
+    """Whether what looks around looked around the y axis of its points (N, 3), and not around the z axis.
+
+    A scanner sees all azimuths. Beneath it it sees nothing, for there it stands, or else its rays are the closest
+    together, as by a pole. Along x and z it has looked both ways. Of what looks one way, as a camera does, nothing is
+    told.
+    """
+    unit, cap = directions(own), np.cos(np.radians(BENEATH))
+    along = [np.sum(sign * unit[:, axis] > cap) for axis in (0, 2) for sign in (1, -1)]
+    beneath, few = np.sum(-unit[:, 1] > cap), MOST_BENEATH * len(own)
+    return bool(min(along) >= max(LEAST_SEEN, few) and (beneath <= few or beneath >= BY_A_POLE * max(along)))
 
 
 def is_optical(own: np.ndarray, rotation: np.ndarray) -> bool:

@@ -26,6 +26,7 @@ from jaxmm.rays.camera_fit import (
     with_spacing,
 )
 from jaxmm.rays.scan_rays import overtaken
+from warp_scanner.lengths import length_in_words
 
 LEAST_POINTS = 200  # below, the edges of the view are guesswork
 LEAST_TOUCHED = 0.6  # of all edges; right poses have 0.64 and more, wrong ones rarely half
@@ -195,8 +196,8 @@ def doubts_about(
     elif view and (moved := _better_place(cloud, pose, half)) is not None:
         where = ", ".join(f"{value:.2f}" for value in position + moved)
         doubts.append(
-            f"its points fill the sensor's view from {where} m, {np.linalg.norm(moved):.2f} m from its pose: are place "
-            "and sensor right?"
+            f"its points fill the sensor's view from {where} m, {length_in_words(np.linalg.norm(moved))} from its "
+            "pose: are place and sensor right?"
         )
     return doubts
 
@@ -326,10 +327,8 @@ def _check(fits: list[_Fit], thin: Cloud, half: np.ndarray, free: np.ndarray) ->
             f" expected at most {MOST_HIDDEN:.0%}"
         )
     if len(fits) > 1 and best.score - fits[1].score < LEAST_LEAD:
-        apart = np.linalg.norm(best.pose[:3] - fits[1].pose[:3])
-        raise _unknown(
-            f"two places, {apart:.3g} m apart, fit alike with scores {best.score:.2f} and {fits[1].score:.2f}"
-        )
+        apart = length_in_words(np.linalg.norm(best.pose[:3] - fits[1].pose[:3]))
+        raise _unknown(f"two places, {apart} apart, fit alike with scores {best.score:.2f} and {fits[1].score:.2f}")
 
 
 def _named(half: np.ndarray) -> str:

@@ -33,6 +33,7 @@ from jaxmm.reports.verdict_words import (
     SURE_OF_TYPE,
     UNEXPLAINED_WORDS,
     VERDICT_WORDS,
+    why_occluded,
 )
 from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, Pose, PriorFile, ScanRecord, counted
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
@@ -274,10 +275,10 @@ def _named(elements: list[ElementVerdict], verdict: str, several: bool) -> Itera
         row = [_identifier(one.guid), *(escaped(text) or GAP for text in (one.ifc_class, one.name, one.storey))]
         row += [percent(one.probability), " / ".join(str(count) for count in one.rays)]
         if views:
-            row.append("none found" if one.next_view is None else pose_in_words(one.next_view))
+            row += [why_occluded(one.rays), "none found" if one.next_view is None else pose_in_words(one.next_view)]
         rows.append([*row, escaped(one.file)] if several else row)
     columns = ["element", "class", "name", "storey", "P(removed)", "rays through / support / blocked / unseen"]
-    return _table([*columns, *(["next viewpoint x, y, z [m]"] * views), *(["file"] * several)], rows)
+    return _table([*columns, *(["why", "next viewpoint x, y, z [m]"] if views else []), *(["file"] * several)], rows)
 
 
 def _scans(scans: Sequence[ScanRecord]) -> list[str]:

@@ -17,7 +17,7 @@ from jaxmm.reports.markdown import (
     sizes,
     words_of_table,
 )
-from jaxmm.reports.verdict_words import UNEXPLAINED_WORDS, VERDICT_WORDS
+from jaxmm.reports.verdict_words import UNEXPLAINED_WORDS, VERDICT_WORDS, why_occluded
 from jaxmm.verdicts.results import Detection
 from jaxmm.verdicts.verdicts import OCCLUDED, REMOVED
 
@@ -112,14 +112,15 @@ def _elements(detection: Detection, verdict: str) -> str:
     chosen = [one for one in detection.elements if one.verdict == verdict]
     if not chosen:
         return ""
+    views = verdict == OCCLUDED
     rows = [
         (one.guid, one.file, one.ifc_class, one.name, one.storey, percent(one.probability))
-        + ((pose_in_words(one.next_view) if one.next_view else "none found",) if verdict == OCCLUDED else ())
+        + ((why_occluded(one.rays), pose_in_words(one.next_view) if one.next_view else "none found") if views else ())
         for one in chosen[:MOST_LISTED]
     ]
     columns = ("element", "file", "class", "name", "storey", "P(removed)")
     more = f"<p>and {len(chosen) - MOST_LISTED} more</p>" if len(chosen) > MOST_LISTED else ""
-    table = _table((*columns, "next viewpoint x, y, z [m]") if verdict == OCCLUDED else columns, rows)
+    table = _table((*columns, "why", "next viewpoint x, y, z [m]") if views else columns, rows)
     return f"<details><summary>{len(chosen)} {verdict}</summary>{table}{more}</details>"
 
 

@@ -35,9 +35,11 @@ from jaxmm.reports.verdict_words import (
     SURE_OF_TYPE,
     UNEXPLAINED_WORDS,
     VERDICT_WORDS,
+    why_occluded,
 )
 from jaxmm.verdicts.mismatch_points import signed_distances
 from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict, Key
+from jaxmm.verdicts.verdicts import OCCLUDED
 
 
 class Limits(NamedTuple):
@@ -95,6 +97,7 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
             "unmeasured": UNMEASURED_WORDS, "north": NORTH_WORDS, "interval": INTERVAL_WORDS, "sign": SIGN_WORDS,
             "assumed": ASSUMED_WORDS, "tilde": ASSUMED, "sure_of_type": SURE_OF_TYPE,
         },
+        "why": [why_occluded(one.rays) if one.verdict == OCCLUDED else None for one in detection.elements],
         "deviations": [_deviation(one, detection.drawing) for one in detection.elements],
         "tolerance": _tolerance(detection), "distance_step": DISTANCE_STEP,
         "thinned": _told(drawing, (len(robot), len(prior), len(surface.faces))),

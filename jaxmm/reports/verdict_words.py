@@ -1,5 +1,7 @@
 """What the verdicts and the evidence mean, in plain words: every report, page and figure takes them from here."""
 
+from collections.abc import Sequence
+
 from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
 VERDICT_WORDS: dict[str, str] = {
@@ -15,11 +17,16 @@ VERDICT_WORDS: dict[str, str] = {
         "where there is one."
     ),
     UNSCANNED: (
-        "As the model has it, no ray that is known would reach the element: it is out of view or range, or behind "
-        "other parts of the building. Without --sensor, the view is what the points of the scan span, and rays that "
-        "its file tells to have brought nothing back. Nothing is said of it."
+        "As the model has it, no ray that is known would reach the element, or tell it from another that shares its "
+        "surface: it is out of view or range, or behind other parts of the building. Without --sensor, the view is "
+        "what the points of the scan span, and rays that its file tells to have brought nothing back. Nothing is said "
+        "of it."
     ),
 }
+# Why an element is occluded, by what became of its rays.
+NOTHING_BACK = "rays went there and brought nothing back"
+IN_FRONT = "other things stood in front"
+LEFT_OPEN = "too few rays tell of it, or some pass where others end"
 # Of a place of the model, in the order of evidence.FRACTIONS.
 EVIDENCE_WORDS: dict[str, str] = {
     "through": "Rays passed through this place of the model and met something behind it: nothing stands here.",
@@ -48,3 +55,11 @@ UNEXPLAINED_WORDS = (
     "Something that is not in the model, and neither a new wall nor a new column: furniture, a machine, a stair, an "
     "open door. Each box holds points that hang together and lie apart from the model; nothing says what it is."
 )
+
+
+def why_occluded(rays: Sequence[int]) -> str:
+    """Why nobody knows of an element that was in view, by its rays (4,) in the order of evidence.FRACTIONS."""
+    through, support, blocked, unseen = rays
+    if through + support >= max(blocked, unseen):
+        return LEFT_OPEN
+    return NOTHING_BACK if unseen > blocked else IN_FRONT

@@ -28,6 +28,7 @@ from jaxmm.verdicts.searched_scans import searched_scan
 from jaxmm.verdicts.station_steps import Context, Shelf
 from warp_scanner.buildings.positions import away_from, span_of
 from warp_scanner.clouds.voxels import thinned_cloud
+from warp_scanner.lengths import length_in_words
 from warp_scanner.scenes.building import ReadOptions
 from warp_scanner.sensors.sensors import OAK_D_PRO, Pinhole, Sensor
 
@@ -158,6 +159,6 @@ def _check_place(prior: Prior, scan: PosedScan, thin: np.ndarray, source: str) -
         return
     where = ", ".join(f"{value:.10g}" for value in scan.position + prior.origin)
     raise Misfit(
-        f"the pose {where}, {source}, is {away:.4g} m outside the building, which spans {span_of(prior.building)} m, "
-        f"and the scan reaches {reach:.4g} m: it cannot show any of it"
+        f"the pose {where}, {source}, is {length_in_words(away)} outside the building, which spans "
+        f"{span_of(prior.building)} m, and the scan reaches {reach:.4g} m: it cannot show any of it"
     )

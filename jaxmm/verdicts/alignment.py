@@ -13,21 +13,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from jaxmm.formats.cloud_frames import Y_UP_TO_Z_UP, is_before
+from jaxmm.formats.cloud_frames import FRAMES, Y_UP_TO_Z_UP, is_around_y, is_before
 from jaxmm.formats.poses import OPTICAL
 from jaxmm.formats.raw_scans import IN_CACHE
 from jaxmm.formats.units import LEAST_OVERLAP, NEAR, ON, TALLEST, UNITS, Distance, fit_of, height, thinned
-from jaxmm.inputs import Misfit
+from jaxmm.inputs import InputError, Misfit
 from jaxmm.verdicts.placement import FAR_SHIFT
-from jaxmm.verdicts.priors import Prior, distance_from, read_prior
+from jaxmm.verdicts.priors import Y_UP, Prior, distance_from, read_prior
 from jaxmm.verdicts.scan_frames import ALIKE, CLEARER, LEAST, MEANINGS, MapGrid, OwnScan, as_it_fits, by_sight, map_grid
 from warp_scanner.buildings.model_files import Model
+from warp_scanner.lengths import length_in_words
 
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
 ON_A_MAP, TALL_ROOM = 5000.0, 50.0  # [m] a scan so far away is on a map grid; so high, it is in a small unit
 FAR_FROM_FILE = 0.5  # [m] from which on a given pose contradicts that of the file
 OF_OPTICS = "in an optical frame (x right, y down, z forward)"
 LYING = f"prior and scan lie before the z axis, as {OF_OPTICS}: if so, give --prior-frame optical and --frame optical"
+SIDEWAYS = (
+    "prior and scan both seem to have y up, as the scanner looked around that axis: if so, turn the scan to z up and "
+    "give --up y for the prior"
+)
 ON_GRID = "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
 CHECK = (
     "check that both are in one frame (--frame, --prior-frame), and their units (--unit, --prior-unit) and axes (--up)"
@@ -39,7 +44,6 @@ STOREY = 3.0  # [m] about as high as scans are
 # read in too small a unit, a prior is near all of a scan, and most of it hangs in the air.
 HIGHER, MET = 2.0, 0.5
 MOST_MET = 100_000  # points of a scan that a prior may lie on
-Y_UP = (".glb", ".gltf")  # by their standard
 
 
 class LaidScan(NamedTuple):
@@ -102,6 +106,8 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
     notes = (*meant, *notes)
     if prior.optical and _looks_along_z(some, position):
         doubts = (*doubts, LYING)
+    if prior.axes_untold and position is not None and is_around_y(scan.carry(scan.thin * fit.unit) - position):
+        doubts = (*doubts, SIDEWAYS)
     stated = None if scan.stated is None else (grid.back if on_map else np.asarray)(scan.stated * fit.unit)
     if on_map:
         if pose is not None and (scan.source == "file" or _nearer(position, some, grid.back(some))):
@@ -136,8 +142,8 @@ def _elsewhere(prior: Prior, scan: OwnScan, grid: MapGrid | None) -> str:
     if prior.file is not None and prior.file.kind == "ifc":
         leads = "" if grid is None else ", ".join(f"{value:.2f}" for value in grid.shift)
         why = "; the prior has no IfcMapConversion" if grid is None else f"; its IfcMapConversion leads to {leads} m"
-    high = f"; it is {height(points):.0f} m high: check its unit (--unit), too" if tall else ""
-    return f"it is {away:.0f} m away, as on a map grid: bring both into one frame{why}{high}"
+    high = f"; it is {length_in_words(height(points))} high: check its unit (--unit), too" if tall else ""
+    return f"it is {length_in_words(away)} away, as on a map grid: bring both into one frame{why}{high}"
 
 
 def _compared(laid: LaidScan, stated: np.ndarray | None, in_world: bool) -> LaidScan:
@@ -151,8 +157,8 @@ def _compared(laid: LaidScan, stated: np.ndarray | None, in_world: bool) -> Laid
     if off <= FAR_SHIFT:
         return laid
     if off <= FAR_FROM_FILE:
-        return laid._replace(notes=(*laid.notes, f"the file's own pose is {off:.2f} m from the given one"))
-    told = f"its pose as given is {off:.1f} m from the one in its file"
+        return laid._replace(notes=(*laid.notes, f"the file's own pose is {length_in_words(off)} from the given one"))
+    told = f"its pose as given is {length_in_words(off)} from the one in its file"
     return laid._replace(doubts=(*laid.doubts, told)) if in_world else laid._replace(notes=(*laid.notes, told))
 
 
@@ -213,6 +219,28 @@ def fitting_prior(path: Path | Model, options: Any, scans: list[OwnScan], unit: 
         notes.append(f"{path.name} fits the scans in {UNITS[factor]}, and was read so; --prior-unit says its unit")
     read = read_prior(path, dataclasses.replace(how.options, unit=options.unit * factor))
     return read._replace(notes=(*read.notes, *notes))
+
+
+def prior_frame_that_fits(path: Path | Model, options: Any, scans: list[OwnScan], unit: float | None) -> str:
+    """In which other frame than the stated one scans lie on a cloud that is a prior, in words; "" for none.
+
+    Args:
+        path: its file.
+        options: buildings.ReadOptions, as it was read.
+        scans: those that do not fit it.
+        unit: [m] of the scans if it is known.
+    """
+    if options.frame is None or not scans:
+        return ""
+    shares = {}
+    for frame in FRAMES:
+        try:
+            other = read_prior(path, dataclasses.replace(options, frame=frame))
+        except InputError:  # its file tells another
+            continue
+        shares[frame] = _share_on(scans, distance_from(other), unit)
+    best = max(shares, key=shares.get)
+    return f"with --prior-frame {best}" if shares[best] > max(LEAST, 2.0 * shares[options.frame]) else ""
 
 
 class _Way(NamedTuple):

@@ -20,6 +20,7 @@ from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import Pose
 from jaxmm.verdicts.settings import DetectSettings
 from warp_scanner.buildings.positions import away_from
+from warp_scanner.lengths import length_in_words
 
 LEAST_TOLD = 0.0005  # share of the points left out of a scan that is worth a word
 
@@ -77,7 +78,7 @@ def placed_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> Place
         )  # fmt: skip
     except (InputError, ValueError) as error:
         away = away_from(prior.building, one.scan.position) if prior.has_elements else 0.0
-        where = f"; it would be {away:.3g} m outside the building" if away > 0.0 else ""
+        where = f"; it would be {length_in_words(away)} outside the building" if away > 0.0 else ""
         kind = Misfit if isinstance(error, Misfit) else InputError
         raise kind(f"{one.file}: {error}{where}") from error
 

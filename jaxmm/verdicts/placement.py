@@ -15,6 +15,7 @@ from jaxmm.rays.joint_poses import Held
 from jaxmm.rays.open_directions import in_words
 from jaxmm.rays.registration import MOST_LEFT, Registration, Rival, is_near, register
 from jaxmm.rays.scan_rays import PosedScan
+from warp_scanner.lengths import length_in_words
 
 MOST_POINTS = 60_000  # that a scan is registered by; it is thinned to one in 0.1 m anyway
 AT_ONCE = 1_000_000  # points that are moved
@@ -141,7 +142,7 @@ def hold(
     there = _moved(placed.scan, held.motion)
     fit, others = place(there, shown(there), refine=False), f"{held.others} other scan{'s' * (held.others > 1)}"
     alone = "it fits nothing of the model by itself" if is_misfit else (
-        f"the model alone would have it {np.linalg.norm(there.position - placed.scan.position):.2f} m away"
+        f"the model alone would have it {length_in_words(np.linalg.norm(there.position - placed.scan.position))} away"
     )  # fmt: skip
     turn = np.eye(4)
     turn[:3, :3] = there.rotation @ believed.rotation.T

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from jaxmm.classes.telling_rays import Known
 from jaxmm.files import sha256_of
-from jaxmm.formats.cloud_frames import brought_upright, is_before
+from jaxmm.formats.cloud_frames import brought_upright, check_frame, is_before, without_pose
 from jaxmm.formats.raw_scans import BLOCK
 from jaxmm.formats.readers import READERS, PointScan, read_scans
 from jaxmm.formats.units import Distance, thinned
@@ -46,6 +46,7 @@ UPRIGHT = 2.0  # [m] height from which a proxy may be a wall or a column
 MOST_BEHIND = 0.1  # share of its points behind others, beyond which a scan was not taken from where its file says
 DEEP = 0.2  # times as deep as far away is what a camera sees; a plan high above zero is not, and lies before z, too
 MOST_ASKED = 1_000_000  # points of a cloud, of which the middle is that of all
+Y_UP = (".glb", ".gltf")  # by their standard
 NEAR_ORIGIN = 500.0  # [m] up to which float32 holds the file's own coordinates
 
 
@@ -63,6 +64,7 @@ class Prior(NamedTuple):
     # Position (3,) and rotation (3, 3) [m], of a cloud whose file says a pose, and not whether its points are in the
     # sensor's frame.
     untold: tuple[np.ndarray, np.ndarray] | None = None
+    axes_untold: bool = False  # a mesh or cloud of which neither the user nor its format tells which axis is up
     frameless: bool = False  # a cloud of which neither the user nor its file tells the frame
     optical: bool = False  # then: it may be in that of optics, z forward
     # (E,) bool: in its place something else stands, and lower, as scans show: what ends there is no support.
@@ -96,12 +98,12 @@ def read_prior(path: Path | str | Model, options: ReadOptions = AS_IT_IS) -> Pri
         except (ValueError, ImportError) as error:
             raise InputError(str(error)) from error
         file = PriorFile(path.name, kind, building.unit, building.project, sha256_of(path))
-        return prior_of_building(building)._replace(file=file)
+        return prior_of_building(building)._replace(file=file, axes_untold=_has_untold_axes(path, options))
     read = read_scans(path)
-    if options.frame is not None and any(_tells_otherwise(scan, options.frame) for scan in read):
-        raise InputError(f"{path}: its file tells the frame of its points: --prior-frame {options.frame} does not fit")
+    check_frame(path, read, options.frame)
     scans = [brought_upright(scan, options.frame, bool(options.y_up)) for scan in read]
     notes = tuple(f"{path.name}: {note}" for scan in scans for note in scan.remarks)
+    notes += without_pose(path, read, options.frame)
     points = scans[0].points if len(scans) == 1 else np.concatenate([scan.points for scan in scans])
     prior = prior_of_cloud(points if options.unit == 1.0 else points * options.unit, notes)
     stray = _stray(prior, scans, options.unit)
@@ -113,13 +115,15 @@ def read_prior(path: Path | str | Model, options: ReadOptions = AS_IT_IS) -> Pri
         elif options.y_up is None:
             optical = _may_be_optical(first.points, options.unit)
     file = PriorFile(path.name, kind, options.unit, None, sha256_of(path))
-    return prior._replace(stray=stray, file=file, untold=untold, frameless=frameless, optical=optical)
+    axes = _has_untold_axes(path, options)
+    return prior._replace(
+        stray=stray, file=file, untold=untold, axes_untold=axes, frameless=frameless, optical=optical
+    )  # fmt: skip
 
 
-def _tells_otherwise(scan: PointScan, frame: str) -> bool:
-    """Whether a file says that its points are in another frame; what its pose took to the world is of a sensor."""
-    own = scan.frame or ("sensor" if scan.in_world else frame)
-    return own != frame and not (scan.in_world and frame == "world")
+def _has_untold_axes(path: Path, options: ReadOptions) -> bool:
+    """Whether nobody tells which axis is up; IFC has z up, and glTF has y up."""
+    return options.y_up is None and options.frame != "optical" and not is_ifc(path) and path.suffix.lower() not in Y_UP
 
 
 def _may_be_optical(points: np.ndarray, unit: float) -> bool:

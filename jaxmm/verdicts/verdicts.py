@@ -1,8 +1,8 @@
 """Verdicts: what scans say of every element of the prior, and where they say nothing.
 
 An element counts as scanned where rays of the pattern reach it in the prior, or in what remains of it without what is
-gone (`jaxmm.verdicts.behind_removed`). One that nobody saw is occluded or unscanned, never a guess. E elements, N
-points of one scan of the prior.
+gone (`jaxmm.verdicts.behind_removed`), and any ray counts for it or against it. One that nobody saw is occluded or
+unscanned, never a guess. E elements, N points of one scan of the prior.
 """
 
 import dataclasses
@@ -112,6 +112,7 @@ def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> li
     probability = 1.0 / (1.0 + np.exp(-logit))
     rays, points = sum(one.rays for one in told), sum(one.points for one in told)
     scanned, seen = (np.any(fields, axis=0) for fields in ([one.scanned for one in told], counts))
+    scanned &= rays.any(axis=1)  # a direction may meet what no ray that is known passes by, or tells from another
     found = []
     for row in range(len(logit)):
         verdict = REMOVED if probability[row] >= settings.threshold else PRESENT

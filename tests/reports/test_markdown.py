@@ -10,18 +10,22 @@ from jaxmm.reports.bcf_topics import topics_of
 from jaxmm.reports.markdown import as_markdown, escaped, number, percent, printable
 from jaxmm.reports.notebook import detection_html
 from jaxmm.reports.page import page_text
+from jaxmm.reports.page_data import page_data
 from jaxmm.reports.plain_files import mismatches_csv
 from jaxmm.reports.report_json import to_json
 from jaxmm.reports.verdict_words import (
     ASSUMED_WORDS,
     EVIDENCE_WORDS,
+    IN_FRONT,
+    LEFT_OPEN,
+    NOTHING_BACK,
     OBSERVABLE_WORDS,
     OTHER_TYPE_WORDS,
     ROBOT_EVIDENCE_WORDS,
     VERDICT_WORDS,
 )
 from jaxmm.verdicts.results import ElementVerdict, PriorFile, ScanRecord
-from jaxmm.verdicts.verdicts import VERDICTS
+from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, VERDICTS
 from tests.cases.detections import HOSTILE, named, rows_of
 from tests.verdicts.test_results import random_detection
 
@@ -41,6 +45,28 @@ class Page(HTMLParser):
 
     def handle_data(self, data):
         self.texts[-1] += data
+
+
+@pytest.mark.parametrize(
+    "rays, why",
+    [
+        pytest.param((0, 4, 20, 900), NOTHING_BACK, id="dark, or a mirror"),
+        pytest.param((3, 0, 500, 20), IN_FRONT, id="behind a cupboard"),
+        pytest.param((700, 600, 20, 0), LEFT_OPEN, id="partly of glass"),
+        pytest.param((9, 0, 0, 0), LEFT_OPEN, id="few rays"),
+    ],
+)
+def test_what_is_occluded_says_why(rays, why):
+    """In the report, the notebook and the page: whether to look again from there is another thing each time."""
+    detection = random_detection(np.random.default_rng(5))
+    one = detection.elements[0]._replace(verdict=OCCLUDED, rays=rays, next_view=None)
+    detection = detection._replace(
+        elements=(one, *(other._replace(verdict=PRESENT) for other in detection.elements[1:]))
+    )
+    assert f"| {why} | none found |" in as_markdown(detection)
+    assert why in Page(detection_html(detection)).texts
+    told = page_data(detection)["why"]
+    assert told[0] == why and not any(told[1:])
 
 
 def hostile(detection):

@@ -15,7 +15,7 @@ from tests.cases.box_building import building_of
 from tests.verdicts.test_pose_search import COLUMN, INNER, ROOM, SPINNING, seen, turned
 from tests.verdicts.test_scan_frames import write_pcd
 from warp_scanner.scenes.building import ReadOptions
-from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
+from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, sensor_named
 
 PLACE, TURN = np.array([0.3, -0.6, 1.1]), turned(125.0, 4.0, -3.0)
 STILL = GivenPose(np.zeros(3), 0.0, 0.0)
@@ -161,7 +161,10 @@ def test_a_file_that_tells_the_frame_of_its_points_is_asked_in_no_other(tmp_path
     for frame in (None, "world", "sensor"):
         read = read_prior(tmp_path / "rays.npz", ReadOptions(frame=frame))
         np.testing.assert_allclose(corners(read.cloud + read.origin), corners(own @ TURN.T + PLACE), atol=0.1)
-    with pytest.raises(InputError, match=r"rays\.npz: its file tells the frame of its points: --prior-frame optical"):
+    with pytest.raises(
+        InputError,
+        match=r"rays\.npz: its file tells .*: --prior-frame optical .* --prior-frame sensor$",
+    ):
         read_prior(tmp_path / "rays.npz", ReadOptions(frame="optical"))
     lying = own_scan(plain((own @ TURN.T + PLACE) @ OPTICAL.T), None, "world")
     assert not any(
@@ -177,3 +180,46 @@ def test_what_was_told_of_a_frame_is_not_told_as_found(tmp_path):
     np.testing.assert_allclose(corners(found.cloud), corners(own), atol=0.1)
     assert any("fits the scans in millimetres" in note for note in found.notes)
     assert not any("--prior-frame" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("frame", ["sensor", "optical", "world", None])
+def test_a_frame_of_a_sensor_whose_pose_nobody_says_is_remarked(tmp_path, frame):
+    own = view()
+    np.save(tmp_path / "kinect.npy", own)
+    write_pcd(tmp_path / "posed.pcd", own, PLACE, TURN)
+    told = [note for note in read_prior(tmp_path / "kinect.npy", ReadOptions(frame=frame)).notes if "no pose" in note]
+    assert told == (
+        ["kinect.npy says no pose: its sensor was taken to be at zero, level, and to look along x"]
+        if frame in ("sensor", "optical")
+        else []
+    )
+    assert not any("no pose" in note for note in read_prior(tmp_path / "posed.pcd", ReadOptions(frame=frame)).notes)
+
+
+def test_a_wrong_frame_of_a_prior_is_refused_with_the_one_that_fits(tmp_path):
+    own = view() + 0.0
+    world = own @ TURN.T + [40.0, 25.0, 1.1]
+    write_pcd(tmp_path / "prior.pcd", own, np.array([40.0, 25.0, 1.1]), TURN)
+    np.save(tmp_path / "scan.npy", world)
+    place = GivenPose(np.array([40.0, 25.0, 1.1]), 125.0, 4.0, -3.0)
+    with pytest.raises(Misfit, match=r"lie on the prior with --prior-frame sensor$"):
+        reading = Reading(ReadOptions(frame="world"))
+        detect(tmp_path / "prior.pcd", tmp_path / "scan.npy", place, reading=reading, settings=SETTINGS)
+
+
+@pytest.mark.parametrize("sensor", ["ouster-64", "tls"])
+@pytest.mark.parametrize("suffix", [".npy", ".obj"])
+def test_prior_and_scan_that_both_have_y_up_are_doubted(tmp_path, sensor, suffix):
+    """By the axis that a scanner looked around; with z up, or where somebody tells it, nothing is said."""
+    building = prior_of_building(building_of((*ROOM, *INNER)))
+    own = seen(building, PLACE, turned(125.0, 0.0, 0.0), sensor_named(sensor)) @ turned(125.0, 0.0, 0.0).T + PLACE
+    mesh = trimesh.Trimesh(building.building.triangles.vertices, building.building.triangles.faces, process=False)
+    for turn, y_up, doubts in ((Y_UP, None, 1), (np.eye(3), None, 0), (np.eye(3), False, 0)):
+        path = tmp_path / f"prior{suffix}"
+        if suffix == ".npy":
+            np.save(path, own @ turn)
+        else:
+            trimesh.Trimesh(mesh.vertices @ turn, mesh.faces, process=False).export(path)
+        scan = own_scan(plain(own @ turn), STILL._replace(position=PLACE @ turn), "world")
+        laid = lay(fitting_prior(path, ReadOptions(y_up=y_up), [scan], None), scan, None)
+        assert len(laid.doubts) == doubts and all("both seem to have y up" in doubt for doubt in laid.doubts)

@@ -57,6 +57,14 @@ def test_the_more_rays_go_through_the_likelier_an_element_is_gone():
         assert np.all(np.diff(logit) > 0.0) and np.diff(logit)[50:-50].max() < 0.2
 
 
+def test_what_no_ray_counts_for_is_unscanned_though_directions_meet_it():
+    """A thin column between two rays, or one whose whole surface another element has, too: nothing hides it."""
+    (alone,) = verdicts_of([told([[0, 0, 0, 0]], 0.5)])
+    assert alone.verdict == UNSCANNED and alone.probability == PRIOR
+    (seen,) = verdicts_of([told([[0, 0, 0, 0]], 0.5), told([[0, 0, 3, 0]], 0.5)])
+    assert seen.verdict == OCCLUDED
+
+
 def test_what_is_not_in_the_scan_is_unscanned():
     one = told_of(np.array([False, True, True]), np.array([2]), np.array([[0, 30, 0, 0]]), np.array([0.1]))
     found = verdicts_of([one])

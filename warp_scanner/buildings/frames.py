@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from warp_scanner.lengths import length_in_words
 from warp_scanner.scenes.building import Building, element_bounds
 from warp_scanner.sensors.triangles import TriangleScene, clearance, prepare
 
@@ -71,9 +72,9 @@ def bring_together(files: list[Read], first: str | None) -> tuple[list[Placed], 
         others = scene if row not in group else _Surface([files[other].building for other in group if other != row])
         way = _way(one, boxes[row], files[anchor], others, span)
         if way is None:
-            away = gap(boxes[row], span)
+            away = length_in_words(gap(boxes[row], span))
             raise ValueError(
-                f"{one.name}: expected a file of the same place as {files[anchor].name}, found it {away:.0f} m away "
+                f"{one.name}: expected a file of the same place as {files[anchor].name}, found it {away} away "
                 "from it; a model holds one building"
             )
         ways[row] = way.matrix

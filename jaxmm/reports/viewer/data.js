@@ -25,6 +25,7 @@ report.elements.forEach((one, index) => { one.key = data.element_key[index]; });
 const elementCount = data.key.length;
 const indexOfKey = new Map([...data.pieced, ...data.twins, ...data.key.map((key, index) => [key, index])]);
 const verdictOfKey = new Map(report.elements.map((one) => [one.key, one]));
+const whyOfKey = new Map(report.elements.map((one, index) => [one.key, data.why[index]])); // null but of occluded ones
 const offOfKey = new Map(report.elements.map((one, index) => [one.key, data.deviations[index]]));
 /** Elements that stand off their places, the worst first, without those that are drawn as others. */
 const displacedElements = report.elements

@@ -59,6 +59,7 @@ function elementNodes(key, named) {
     ["storey", one.storey || null],
     ["surface", surface],
     ["verdict", verdictBadge(one.verdict)],
+    ["why", whyOfKey.get(key)],
     ["P(removed)", chance(one.probability)],
     ["next view", one.next_view ? poseWords(one.next_view) : null],
   ]);
