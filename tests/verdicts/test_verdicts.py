@@ -68,7 +68,7 @@ def test_what_no_ray_counts_for_is_unscanned_though_directions_meet_it():
 def test_what_is_not_in_the_scan_is_unscanned():
     one = told_of(np.array([False, True, True]), np.array([2]), np.array([[0, 30, 0, 0]]), np.array([0.1]))
     found = verdicts_of([one])
-    assert [each.verdict for each in found] == [UNSCANNED, OCCLUDED, PRESENT] and found[0].rays == (0, 0, 0, 0)
+    assert [each.verdict for each in found] == [UNSCANNED, UNSCANNED, PRESENT] and found[0].rays == (0, 0, 0, 0)
     assert found[0].probability == found[1].probability == PRIOR
 
 
