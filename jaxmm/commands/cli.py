@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from jaxmm.commands import benchmark_options, detect_options, progress_options
+from jaxmm.commands.interruptions import heed, interruption
 from jaxmm.config import CONDITIONS, SCENARIOS
 from jaxmm.devices import check_devices
 from jaxmm.files import check_writable
@@ -61,9 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         os.environ["JAX_ENABLE_X64"] = "0"  # our models are of single precision, and JAX is not yet there
     if arguments is None and not options.debug:
-        # Threads that write checkpoints go on to complain for themselves about an error that is told below, some of
-        # them after it was told, so nothing is put back; and a compilation cache that cannot be used costs time only.
-        sys.unraisablehook = lambda _: None
+        heed()
+        # A compilation cache that cannot be used costs time only.
         warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
         warnings.filterwarnings("ignore", "Error .* persistent compilation cache", UserWarning)
     return _run(options)
@@ -91,7 +91,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _told(options: argparse.Namespace, error: BaseException) -> int:
-    stop = _interruption(error)
+    stop = interruption(error)
     if stop is not None:
         told = str(stop) or GOES_ON.get(options.command, "nothing was written")
         return _failed(options, f"interrupted; {told}", 1)
@@ -100,13 +100,6 @@ def _told(options: argparse.Namespace, error: BaseException) -> int:
     if isinstance(error, OSError) and options.command in WRITERS and error.filename is not None:
         return _failed(options, f"{error.filename}: {error.strerror}", 2)  # others are not about a file
     return _failed(options, _described(error), 1)
-
-
-def _interruption(error: BaseException | None) -> KeyboardInterrupt | None:
-    """The Ctrl-C behind an error: one that comes while Python waits for a lock of its threads ends as that lock's."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error
 
 
 def _described(error: BaseException) -> str:

@@ -9,12 +9,9 @@ frame: metres.
 
 import numpy as np
 
-from jaxmm.rays.evidence import margins
 from jaxmm.rays.hits import Hits
-from jaxmm.rays.noise_model import noise_of, sigma_at
-from jaxmm.rays.pair_evidence import EVERY
 from jaxmm.rays.scan_rays import ScanRays
-from jaxmm.rays.tilted_ends import Met
+from jaxmm.rays.tilted_ends import Met, met_of
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import TriangleScene, cast_triangles
 
@@ -25,14 +22,7 @@ MISSED = 0.03  # share of an element's rays that bring nothing back, or end behi
 
 def shared_rays(scene: TriangleScene, rays: ScanRays, expected: Hits) -> np.ndarray:
     """(P,) bool: `shared_ends` of the rays of a scan, with what they should meet."""
-    thin = slice(None, rays.measured, EVERY)
-    with np.errstate(invalid="ignore"):  # no return where none was expected
-        residual = rays.distance[thin] - expected.distance[thin]
-    sigma = sigma_at(noise_of(residual, expected.cosine[thin], expected.distance[thin]), expected.distance)
-    met = Met(
-        rays.distance, expected.distance, expected.element, expected.normal, margins(expected.cosine, sigma), sigma
-    )
-    return shared_ends(scene, rays.position, rays.direction, met, rays.limit)
+    return shared_ends(scene, rays.position, rays.direction, met_of(rays, expected)[0], rays.limit)
 
 
 def shared_ends(

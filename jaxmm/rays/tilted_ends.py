@@ -11,7 +11,12 @@ from typing import NamedTuple
 import numpy as np
 import small_gicp
 
+from jaxmm.rays.evidence import margins
+from jaxmm.rays.hits import Hits
+from jaxmm.rays.noise_model import Noise, noise_of, sigma_at
+from jaxmm.rays.pair_evidence import EVERY
 from jaxmm.rays.range_noise import nearest_rays
+from jaxmm.rays.scan_rays import ScanRays
 from warp_scanner.clouds.sightlines import cells_of
 from warp_scanner.launches import thread_count
 
@@ -39,6 +44,17 @@ class Met(NamedTuple):
     normal: np.ndarray  # (P, 3) unit normals of the surfaces that they should meet; of either sign
     margin: np.ndarray  # (P,) [m] within which ranges are taken for equal
     sigma: np.ndarray  # (P,) [m] standard deviation of the ranges
+
+
+def met_of(rays: ScanRays, expected: Hits) -> tuple[Met, Noise]:
+    """What the rays of a scan meet, and how their ranges err, by those that should meet something and come back."""
+    thin = slice(None, rays.measured, EVERY)
+    with np.errstate(invalid="ignore"):  # no return where none was expected
+        residual = rays.distance[thin] - expected.distance[thin]
+    noise = noise_of(residual, expected.cosine[thin], expected.distance[thin])
+    sigma = sigma_at(noise, expected.distance)
+    margin = margins(expected.cosine, sigma)
+    return Met(rays.distance, expected.distance, expected.element, expected.normal, margin, sigma), noise
 
 
 def tilted_ends(direction: np.ndarray, met: Met) -> np.ndarray:

@@ -10,11 +10,11 @@ import numpy as np
 
 from jaxmm.rays.evidence import Frame, View, margins
 from jaxmm.rays.hits import Hits, hits_of
-from jaxmm.rays.noise_model import Noise, noise_of, sigma_at
-from jaxmm.rays.pair_evidence import EVERY, FOOTPRINT, MOST_ANGLE
+from jaxmm.rays.noise_model import Noise, sigma_at
+from jaxmm.rays.pair_evidence import FOOTPRINT, MOST_ANGLE
 from jaxmm.rays.scan_rays import PosedScan, ScanRays, frame_of_rays, measured_points, rays_of_scan
 from jaxmm.rays.shared_ends import shared_ends
-from jaxmm.rays.tilted_ends import Met, tilted_ends
+from jaxmm.rays.tilted_ends import Met, met_of, tilted_ends
 from jaxmm.rays.views import Along, view_of_prior, view_of_robot
 from jaxmm.vectors import lengths
 from jaxmm.verdicts.floor_levels import levels_at, levels_of
@@ -121,11 +121,7 @@ def sight(prior: Prior, rays: ScanRays) -> Sighting:
     """Compare a scan with a building, ray by ray."""
     scene = prior.scene
     expected = hits_of(scene, rays.position, rays.direction)
-    thin = slice(None, rays.measured, EVERY)
-    with np.errstate(invalid="ignore"):  # no return where none was expected
-        residual = rays.distance - expected.distance
-    noise = noise_of(residual[thin], expected.cosine[thin], expected.distance[thin])
-    margin = margins(expected.cosine, sigma_at(noise, expected.distance))
+    met, noise = met_of(rays, expected)
     shown = cast_triangles(scene, Rays(rays.position[None], rays.pattern))
     reach, element = shown.distance[0].copy(), shown.element[0]
     reach[reach > rays.limit] = np.inf
@@ -138,13 +134,13 @@ def sight(prior: Prior, rays: ScanRays) -> Sighting:
     reached = np.bincount(seen.element, minlength=len(scene.triangles.semantic)) > 0
     measured = measured_points(rays)
     own = thin_clouds([measured], VOXEL)[0]
-    of_prior = _prior_view(prior, rays, (expected, margin, noise), seen, measured[own])
-    of_robot = _robot_view(scene, rays, (expected, margin, noise), (measured[own], own))
+    of_prior = _prior_view(prior, rays, (met, noise), seen, measured[own])
+    of_robot = _robot_view(scene, rays, (expected, met.margin, noise), (measured[own], own))
     frame = frame_of_rays(rays, *levels_of(scene, rays, measured, prior.building.storeys.elevation))
     return Sighting(
         *(view._replace(levels=levels_at(scene, view.points, frame)) for view in (of_prior, of_robot)),
         frame,
-        expected, margin, noise, places, reached,
+        expected, met.margin, noise, places, reached,
     )  # fmt: skip
 
 
@@ -176,37 +172,34 @@ def _spacing_at(rays: ScanRays, chosen: np.ndarray) -> np.ndarray:
     return np.where(chosen < len(rays.pattern) - rays.fine, rays.spacing, rays.fine_spacing)
 
 
-def _in_vacant_places(prior: Prior, rays: ScanRays, expected: Hits, margin: np.ndarray) -> np.ndarray:
+def _in_vacant_places(prior: Prior, met: Met) -> np.ndarray:
     """(P,) bool: rays that end where they should, on what stands in the place of an element that does not."""
     if prior.vacant is None:
-        return np.zeros(len(rays.distance), bool)
+        return np.zeros(len(met.distance), bool)
     with np.errstate(invalid="ignore"):  # no return where none was expected
-        ends = np.abs(rays.distance - expected.distance) <= margin
-    return ends & (expected.element >= 0) & prior.vacant[expected.element]
+        ends = np.abs(met.distance - met.expected) <= met.margin
+    return ends & (met.element >= 0) & prior.vacant[met.element]
 
 
 def _prior_view(
     prior: Prior,
     rays: ScanRays,
-    told: tuple[Hits, np.ndarray, Noise],
+    told: tuple[Met, Noise],
     seen: Places,
     robot: np.ndarray,
 ) -> View:
     """What the robot's rays say of points that the pattern shows of the prior."""
-    scene, (expected, margin, noise), (points, reach, element, spacing) = prior.scene, told, seen
+    scene, (met, noise), (points, reach, element, spacing) = prior.scene, told, seen
     direction = ((points - rays.position) / reach[:, None]).astype(np.float32)
     angle = np.clip(FOOTPRINT / reach, 0.75 * spacing, np.maximum(MOST_ANGLE, 0.75 * spacing)).astype(np.float32)
     unused = np.zeros(len(reach), np.float32)
     targets = Targets(direction, reach, angle, unused, unused, element)
-    met = Met(
-        rays.distance, expected.distance, expected.element, expected.normal, margin, sigma_at(noise, expected.distance)
-    )
     # What ends on another surface where the prior's should be stands before it, if but by a little.
     tilted = tilted_ends(rays.direction, met)
-    other = tilted | _in_vacant_places(prior, rays, expected, margin)
-    distance = np.where(other, expected.distance - 2.0 * margin, rays.distance).astype(np.float32)
+    other = tilted | _in_vacant_places(prior, met)
+    distance = np.where(other, met.expected - 2.0 * met.margin, rays.distance).astype(np.float32)
     shared = shared_ends(scene, rays.position, rays.direction, met._replace(distance=distance), rays.limit)
-    predicted = Predicted(expected.distance[None], np.where(shared, NOBODY, expected.element)[None], margin[None])
+    predicted = Predicted(met.expected[None], np.where(shared, NOBODY, met.element)[None], met.margin[None])
     found = look(sort_directions(rays.direction), distance[None], [targets], predicted)[0]
     cosine = hits_of(scene, rays.position, direction).cosine
     own = margins(cosine, sigma_at(noise, reach))

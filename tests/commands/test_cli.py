@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 import warnings
 
@@ -17,7 +16,6 @@ import pytest
 
 from jaxmm import run_folder
 from jaxmm.commands import cli
-from jaxmm.inputs import InputError
 from jaxmm.runs import main_job
 
 COMMANDS = ("reproduce", "generate", "train", "evaluate", "thesis", "scan", "benchmark")
@@ -209,9 +207,11 @@ def test_threads_that_complain_after_the_line_are_not_heard(tmp_path, capsys, mo
 
     monkeypatch.setattr(sys, "unraisablehook", sys.__unraisablehook__)  # pytest has its own; puts it back, too
     monkeypatch.setattr(sys, "argv", ["jaxmm", "evaluate", str(tmp_path / "none")])
+    alarm = signal.getsignal(signal.SIGALRM)
     with warnings.catch_warnings():
         assert cli.main() == 2
         Late()
+    signal.signal(signal.SIGALRM, alarm)
     assert len(capsys.readouterr().err.splitlines()) == 1
     monkeypatch.undo()
     before = sys.unraisablehook
@@ -227,23 +227,6 @@ def test_what_an_interrupted_command_keeps_is_told(capsys):
         options = argparse.Namespace(command=name, run=interrupted, debug=False)
         assert cli._run(options) == 1
         assert capsys.readouterr().err == f"jaxmm {name}: interrupted; {words}\n"
-
-
-def test_an_interruption_that_ends_as_the_error_of_a_lock_is_told_as_one(capsys):
-    """What Python's own threads make of a Ctrl-C at the wrong moment, and a reader of errors of that."""
-
-    def interrupted(*_):
-        try:
-            try:
-                raise KeyboardInterrupt
-            finally:
-                threading.Lock().release()  # of none
-        except RuntimeError as error:
-            raise InputError(f"settings: {error}") from error
-
-    options = argparse.Namespace(command="train", run=interrupted, debug=False)
-    assert cli._run(options) == 1
-    assert capsys.readouterr().err == "jaxmm train: interrupted; the same command with --resume goes on\n"
 
 
 def test_the_version_is_told(capsys):
