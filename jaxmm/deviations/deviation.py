@@ -14,13 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.deviations.agreed_poses import agreed
 from jaxmm.deviations.curved_fits import fits_of_curved
 from jaxmm.deviations.element_motion import Motion, Seen, motion_of, telling, told_by_others
 from jaxmm.deviations.fits import CUT, Fit, cells_of, fit_of
-from jaxmm.deviations.heights import Heights, heights_of
+from jaxmm.deviations.heights import heights_of
 from jaxmm.deviations.meetings import STEEP, Meetings, groups_of, meetings_of
-from jaxmm.deviations.pose_errors import EXACTLY, PoseError, pose_errors
-from jaxmm.deviations.seen_surfaces import ends_of, surface_of
+from jaxmm.deviations.pose_errors import EXACTLY, PoseError, likely_poses, pose_errors
+from jaxmm.deviations.seen_surfaces import Faces, ends_of, surface_of
 from jaxmm.deviations.shifted_columns import Shift, columns_of, met_at_ends
 from jaxmm.deviations.tolerances import Slope, din_of, loa_of
 from jaxmm.rays.scan_rays import ScanRays
@@ -119,16 +120,6 @@ class Body(NamedTuple):
         return (self.low + self.high) / 2.0
 
 
-class Faces(NamedTuple):
-    """What one scan shows of the faces of the elements; small, whatever the scan."""
-
-    sensor: np.ndarray  # (3,) float64 [m]
-    poses: list[PoseError]  # how far off it may be, the likeliest first
-    seen: list[Seen]
-    heights: Heights  # at which its rays end on them, or pass
-    ends: np.ndarray = np.zeros(0, np.int64)  # rows of walls that it meets at their ends alone
-
-
 def deviations_of(
     scene: TriangleScene, rays: list[ScanRays], trust: list[str], tolerance: np.ndarray
 ) -> dict[int, Deviation]:
@@ -140,7 +131,8 @@ def deviations_of(
         trust: in the pose of each scan, one of pose_errors.TRUSTS.
         tolerance: (E,) [m] of each element, for its coverage.
     """
-    return deviations_by(scene, [faces_of(scene, *one) for one in zip(rays, trust, strict=True)], tolerance)
+    shown = [faces_of(scene, *one) for one in zip(rays, trust, strict=True)]
+    return deviations_by(scene, agreed(shown), tolerance)
 
 
 def faces_of(
@@ -161,9 +153,10 @@ def faces_of(
     """
     met = meetings_of(scene, rays, own, clear)
     found = fits_of(scene, met, columns_of(scene))
-    poses = pose_errors([fit for _, fit in found], rays.position, trust)
+    poses, unlikely = likely_poses(pose_errors([fit for _, fit in found], rays.position, trust))
     seen = seen_of_each(found, poses, rays.position)
-    return Faces(rays.position, poses, seen, heights_of(scene.triangles, met), met_at_ends(scene, met))
+    heights, ends = heights_of(scene.triangles, met), met_at_ends(scene, met)
+    return Faces(rays.position, poses, seen, heights, ends, unlikely)
 
 
 def deviations_by(scene: TriangleScene, shown: list[Faces], tolerance: np.ndarray) -> dict[int, Deviation]:
@@ -201,7 +194,7 @@ def seen_of_each(found: list[tuple[Meetings, Fit]], poses: list[PoseError], sens
 def _seen_of(group: Meetings, fit: Fit, correction: np.ndarray, sensor: np.ndarray) -> Seen:
     element, way, bare = int(group.element[0]), int(group.group[0]), fit._replace(on=NO_RAYS, left=NO_RAYS)
     if not fit.first:
-        return Seen(element, way, bare, fit.rays, np.zeros(3), NO_CELL, NO_RAYS, *np.zeros((2, 2, 0)))
+        return Seen(element, way, bare, fit.rays, np.zeros(3), NO_CELL, NO_RAYS, *np.zeros((2, 2, 0)), np.zeros((0, 3)))
     on, ends, normal = fit.on, group.end[fit.on], group.normal[fit.on]
     cell, number, count = np.unique(cells_of(ends @ fit.axes.T), return_inverse=True, return_counts=True)
     offs = []
@@ -210,9 +203,8 @@ def _seen_of(group: Meetings, fit: Fit, correction: np.ndarray, sensor: np.ndarr
         moved = step[:3] + np.cross(step[3:], ends - sensor)
         off = group.off[on] + np.einsum("kc,kc->k", moved, normal)
         offs.append(np.bincount(number, off) / count)
-    offs = np.stack(offs)
-    faces = np.abs(offs - left)
-    return Seen(element, way, bare, fit.rays, normal.sum(axis=0), cell, np.abs(left), np.abs(offs), faces)
+    offs, place = np.stack(offs), np.stack([np.bincount(number, one) / count for one in ends.T], axis=1)
+    return Seen(element, way, bare, fit.rays, normal.sum(axis=0), cell, np.abs(left), offs, offs - left, place)
 
 
 def bodies_of(scene: TriangleScene) -> Callable[[int], Body]:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from jaxmm.deviations.fits import Fit
-from jaxmm.deviations.pose_errors import PoseError, rows_of, scatter
+from jaxmm.deviations.pose_errors import PoseError, rows_of, rows_of_all, scatter
 from jaxmm.deviations.tolerances import Slope
 
 FREE = (1.0, 1.0, 1.0, 0.03, 0.03, 0.1)  # [m, rad] standard deviations of an element off its place, before it is seen
@@ -39,11 +39,18 @@ class Seen(NamedTuple):
     apart: np.ndarray  # (C,) float64 [m] off the fitted face
     off: np.ndarray  # (2, C) float64 [m] off the model's face, with the likeliest pose and as the pose is
     face: np.ndarray  # (2, C) float64 [m] the same of the fitted face
+    place: np.ndarray  # (C, 3) float64 [m] in the middle of what ends there
     scan: int = 0  # number of the scan
+
+    def moved_by(self, change: np.ndarray, sensor: np.ndarray) -> "Seen":
+        """With another likeliest pose, by so much (6,) another correction about the sensor (3,) [m]."""
+        by = (change[:3] + np.cross(change[3:], self.place - sensor)) @ self.fit.normal
+        both = np.stack([by, np.zeros_like(by)])
+        return self._replace(off=self.off + both, face=self.face + both)
 
 
 class Swing(NamedTuple):
-    """What a motion may as well be by the other poses of one scan."""
+    """What a motion may as well be by the other poses of one scan, or of scans that go together."""
 
     share: np.ndarray  # (A,) how likely each pose is, the likeliest first
     step: np.ndarray  # (A, 6) how much else the motion is by it; the first is zero
@@ -54,7 +61,7 @@ class Motion(NamedTuple):
 
     step: np.ndarray  # (6,)
     covariance: np.ndarray  # (6, 6)
-    swings: tuple[Swing, ...]  # of each scan
+    swings: tuple[Swing, ...]  # of each scan, or of scans that go together
     answers: tuple[np.ndarray, ...]  # (6,) what else it may be: by each scan, or without what may be a cupboard
     keep: np.ndarray = np.zeros((3, 3))  # projection onto the directions of the shift that are fixed; zero if none is
 
@@ -167,7 +174,7 @@ def motion_of(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.n
     """
     scans, loose = sorted({one.scan for one in seen}), _loose(seen, poses, sensors)
     best, spread, gains = _solved(seen, loose, poses, sensors, middle)
-    swings = tuple(_swing(loose[scan], poses[scan], gains[scan]) for scan in scans if len(poses[scan]) > 1)
+    swings = _swings(loose, poses, gains)
     answers: tuple[np.ndarray, ...] = ()
     left, sigma = _left_of(seen, loose, best, poses, sensors, middle)
     if len({one.element for one in seen}) > 1:
@@ -182,9 +189,18 @@ def motion_of(seen: list[Seen], poses: list[list[PoseError]], sensors: list[np.n
     return Motion(best, spread, swings, answers).fixed()
 
 
-def _swing(loose: list[Loose], poses: list[PoseError], gain: np.ndarray) -> Swing:
-    places = np.stack([place for place, _ in loose])
-    return Swing(np.array([one.share for one in poses]), (places - places[0]) @ gain.T)
+def _swings(
+    loose: dict[int, list[Loose]], poses: list[list[PoseError]], gains: dict[int, np.ndarray]
+) -> tuple[Swing, ...]:
+    found: dict[tuple[int, int], Swing] = {}
+    for scan in (one for one in sorted(gains) if len(poses[one]) > 1):
+        places = np.stack([place for place, _ in loose[scan]])
+        step, among = (places - places[0]) @ gains[scan].T, poses[scan][0].among
+        name = (among, -1 if among >= 0 else scan)
+        if name in found:
+            step = found[name].step + step
+        found[name] = Swing(np.array([one.share for one in poses[scan]]), step)
+    return tuple(found.values())
 
 
 def _solved(
@@ -197,6 +213,8 @@ def _solved(
     """The motion (6,), its covariance, and of each scan how it changes with that scan's correction (6, 6)."""
     told, right = np.diag(1.0 / np.square(FREE)), np.zeros(6)
     scans = sorted({one.scan for one in seen})
+    if len(scans) > 1:
+        return _solved_together(seen, loose, poses, sensors, middle)
     arms_of: dict[int, np.ndarray] = {}
     for scan in scans:
         pose, sensor, correction, how = poses[scan][0], sensors[scan], loose[scan][0][0], np.zeros((6, 6))
@@ -204,9 +222,7 @@ def _solved(
             off, arms = rows_of(fit, sensor)
             # A body that moves by a step moves its face as far toward the sensor.
             rows = rows_of(fit, middle)[1]
-            # What a surface does to a sensor's ranges it does in every scan: it does not average out.
-            root = np.sqrt(len(scans))
-            sigma = scatter(fit, pose.place * root, pose.tilt * root)
+            sigma = scatter(fit, pose.place, pose.tilt)
             scaled = rows / sigma[:, None]
             told += scaled.T @ scaled
             right += scaled.T @ ((off + arms @ correction) / sigma)
@@ -218,6 +234,33 @@ def _solved(
     for scan, gain in gains.items():
         spread += gain @ loose[scan][0][1] @ gain.T
     return own @ right, spread, gains
+
+
+def _solved_together(
+    seen: list[Seen],
+    loose: dict[int, list[Loose]],
+    poses: list[list[PoseError]],
+    sensors: list[np.ndarray],
+    middle: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, dict[int, np.ndarray]]:
+    """The same by several scans: each has the less to say, the less its pose is known (generalised least squares)."""
+    told, right = np.diag(1.0 / np.square(FREE)), np.zeros(6)
+    scans = sorted({one.scan for one in seen})
+    # What a surface does to a sensor's ranges it does in every scan: it does not average out.
+    root, how = np.sqrt(len(scans)), {}
+    for scan in scans:
+        pose, sensor, (correction, spread) = poses[scan][0], sensors[scan], loose[scan][0]
+        fits = [one.fit for one in seen if one.scan == scan]
+        off, arms = rows_of_all(fits, sensor)
+        rows = rows_of_all(fits, middle)[1].reshape(-1, 6)
+        arms, off = arms.reshape(-1, 6), off.ravel()
+        sigma = np.concatenate([scatter(fit, pose.place * root, pose.tilt * root) for fit in fits])
+        weighted = rows.T @ np.linalg.inv(np.diag(np.square(sigma)) + arms @ spread @ arms.T)
+        told += weighted @ rows
+        right += weighted @ (off + arms @ correction)
+        how[scan] = weighted @ arms
+    own = np.linalg.inv(told)
+    return own @ right, own, {scan: own @ one for scan, one in how.items()}
 
 
 def left_of(

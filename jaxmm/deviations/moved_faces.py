@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from jaxmm.deviations.deviation import Faces, fits_of, seen_of_each
+from jaxmm.deviations.deviation import fits_of, seen_of_each
 from jaxmm.deviations.heights import heights_of
 from jaxmm.deviations.meetings import meetings_of
 from jaxmm.deviations.pose_errors import PoseError
+from jaxmm.deviations.seen_surfaces import Faces
 from jaxmm.deviations.shifted_columns import columns_of
 from jaxmm.rays.scan_rays import ScanRays
 from warp_scanner.sensors.triangles import TriangleScene

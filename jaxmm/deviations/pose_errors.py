@@ -29,6 +29,7 @@ FAR_OFF = 4.0  # standard deviations, from where on it has moved
 # Share of elements that moved, the logarithm of the range of what they may be off, and the least of it [m].
 MOVED, SIZES, LEAST_MOVED = 0.1, 6.0, 0.001
 AS_GOOD = 5.0  # of the log likelihood: poses worse by no more are kept
+WORSE = 40.0  # and those that other scans may tell to be right all the same
 ANCHORS = 8  # faces that a solution is begun from, each believed alone
 ROUNDS = 30
 # What other scans hold, they hold whatever moved: its faces alone would lay it at the pose's door.
@@ -46,6 +47,7 @@ class PoseError(NamedTuple):
     tilt: np.ndarray  # (2,) [m] and of their ends off where their middles have them, along their axes
     share: float = 1.0  # how likely it is, of all that may be
     voted: bool = True  # whether the faces that one asks about had a vote
+    among: int = -1  # scans of one number have the poses at one place of their lists at once; -1: none goes with it
 
     @property
     def correction(self) -> np.ndarray:
@@ -53,6 +55,11 @@ class PoseError(NamedTuple):
         if not np.isfinite(self.told).all():
             return np.zeros(6)
         return -np.linalg.solve(self.told, self.right)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(6, 6) of the correction; 0 of a pose that is believed."""
+        return np.linalg.inv(self.told) if np.isfinite(self.told).all() else np.zeros((6, 6))
 
     def without(self, fits: list[Fit], sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Correction (6,) and its covariance (6, 6) by all but some faces.
@@ -94,8 +101,18 @@ def _wide(fit: Fit) -> np.ndarray:
     return np.maximum(2.0 * fit.extent, 0.1)
 
 
+def likely_poses(found: list[PoseError]) -> tuple[list[PoseError], list[PoseError]]:
+    """Of `pose_errors` those that are about as likely as the best, and the others."""
+    least = found[0].share * np.exp(-AS_GOOD)
+    likely = [one for one in found if one.share >= least]
+    every = sum(one.share for one in likely)
+    return [one._replace(share=one.share / every) for one in likely], found[len(likely) :]
+
+
 def pose_errors(fits: list[Fit], sensor: np.ndarray, trust: str = REGISTERED) -> list[PoseError]:
     """Corrections that explain the faces of a scan, the likeliest first; never empty.
+
+    Beside those that one scan may believe (`likely_poses`) stand others that only other scans can tell to be right.
 
     Args:
         fits: of one scan.
@@ -119,7 +136,7 @@ def pose_errors(fits: list[Fit], sensor: np.ndarray, trust: str = REGISTERED) ->
         new = _scatters(fits, off, rows, found[0][1], 6)
     apart: list[PoseError] = []
     for cost, step, told, right in found:
-        if cost > found[0][0] + AS_GOOD:
+        if cost > found[0][0] + WORSE:
             break
         # One that is within what a likelier one leaves open says nothing else.
         if all((lag := step - one.correction) @ one.told @ lag > 1.0 for one in apart):
@@ -196,7 +213,7 @@ def _solutions(
                 if np.abs(step - last).max() < 1e-7:
                     break
         square = np.square((off + rows @ step) / sigma).max(axis=1)
-        total = cost + float(_surprise(square).sum()) + 0.5 * float(step @ prior @ step)
+        total = cost + float(surprise(square).sum()) + 0.5 * float(step @ prior @ step)
         is_other = silent is None or square[silent] > FAR_OFF**2
         if is_other and all(np.abs(step - other[1]).max() > 1e-4 for other in found):
             found.append((total, step, told + prior, right))
@@ -209,8 +226,8 @@ def _solutions(
     return found
 
 
-def _surprise(square: np.ndarray) -> np.ndarray:
-    """(G,) how unlikely faces are (negative log likelihood), by the squares of their standard deviations off.
+def surprise(square: np.ndarray) -> np.ndarray:
+    """(...) how unlikely faces are (negative log likelihood), by the squares of their standard deviations off.
 
     What moved may have by millimetres or by decimetres, one as likely as the other: of two poses that each leave one
     wall off, that which leaves it less far off is hardly the likelier one.
@@ -227,7 +244,12 @@ def _likely(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _votes(off: np.ndarray, rows: np.ndarray, sigma: np.ndarray, step: np.ndarray) -> np.ndarray:
     """(G,) how likely faces stand in their place after a correction: what each then tells of it."""
-    stands, moved = _likely(np.square((off + rows @ step) / sigma).max(axis=1))
+    return votes_of(np.square((off + rows @ step) / sigma).max(axis=1))
+
+
+def votes_of(square: np.ndarray) -> np.ndarray:
+    """(...) the same, by the squares of the standard deviations that they are off."""
+    stands, moved = _likely(square)
     return stands / (stands + moved)
 
 

@@ -9,8 +9,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from jaxmm.deviations.deviation import Deviation, Faces, bodies_of, by_element, deviation_of, is_told
+from jaxmm.deviations.deviation import Deviation, bodies_of, by_element, deviation_of, is_told
 from jaxmm.deviations.element_motion import NORMAL, Seen, left_of, motion_of, telling
+from jaxmm.deviations.seen_surfaces import Faces
 from warp_scanner.sensors.triangles import TriangleScene
 
 Name = TypeVar("Name", bound=Hashable)

@@ -20,11 +20,11 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from jaxmm.classes.telling_rays import Telling
-from jaxmm.deviations.deviation import Faces
 from jaxmm.deviations.element_motion import Seen
 from jaxmm.deviations.fits import Fit
 from jaxmm.deviations.heights import Heights
 from jaxmm.deviations.pose_errors import PoseError
+from jaxmm.deviations.seen_surfaces import Faces
 from jaxmm.deviations.shifted_columns import Beside
 from jaxmm.files import REMEDY
 from jaxmm.formats.dates import Taken

@@ -12,9 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.classes.selection import CLASSES
-from jaxmm.deviations.deviation import Deviation, Faces, deviations_by, is_told, shifted
+from jaxmm.deviations.agreed_poses import agreed, with_poses
+from jaxmm.deviations.deviation import Deviation, deviations_by, is_told, shifted
 from jaxmm.deviations.heights import passed_above
 from jaxmm.deviations.pose_errors import EXACT, HELD, KEPT, REGISTERED
+from jaxmm.deviations.seen_surfaces import Faces
 from jaxmm.deviations.shifted_columns import Beside, columns_of, shifts_of
 from jaxmm.deviations.tolerances import DeviationSettings
 from jaxmm.deviations.wholes import deviations_of_wholes
@@ -73,7 +75,7 @@ def as_built(
         settings: how.
     """
     limits = settings.deviations
-    tolerance = tolerances(prior, limits)
+    tolerance, shown = tolerances(prior, limits), agreed(shown)
     found = deviations_by(prior.scene, shown, tolerance)
     # Farther than that it is another thing, or the same one that was moved.
     farthest = limits.most + MOST_HALF
@@ -92,7 +94,11 @@ def as_built(
     shifts = shifts_of(prior.scene, beside, np.array(lost, int), limits.most, others.scene)
     if shifts:
         there = _with_moved(prior, moved | {row: (one.step, np.zeros(3)) for row, one in shifts.items()}, found)
-        laid = deviations_by(there.scene, again(there, np.array(list(shifts))), tolerance)
+        laid = [
+            with_poses(one, [pose._replace(voted=False) for pose in known.poses])
+            for one, known in zip(again(there, np.array(list(shifts))), shown, strict=True)
+        ]
+        laid = deviations_by(there.scene, laid, tolerance)
         for row, shift in shifts.items():
             one = shifted(laid[row], shift) if row in laid and laid[row].stands >= STANDS else None
             if one is not None and np.linalg.norm(one.offset) <= farthest:

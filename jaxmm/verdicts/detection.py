@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxmm.classes.lacking import lacking_notes
 from jaxmm.classes.telling_rays import Telling
-from jaxmm.deviations.deviation import Faces
+from jaxmm.deviations.seen_surfaces import Faces
 from jaxmm.learning.element_boxes import boxes_of
 from jaxmm.learning.prediction import Judges
 from jaxmm.rays.joint_poses import REACHES, held_together
@@ -104,7 +104,7 @@ def detect_stations(prior: Prior, stations: Stations, settings: DetectSettings) 
         prior = without_stray(prior)
     together = prior.has_elements and beyond_thesis and settings.refine and len(stations.kept(len)) > 1
     laid = stations.each(lay_station, prior, together, may_leave_out=True)
-    held = held_together(laid, lambda points: _distance(prior, points)) if together else [None] * len(laid)
+    held = held_together(laid, lambda points: distance_to(prior, points)) if together else [None] * len(laid)
     watch.lap("registration")
     if beyond_thesis:
         prior = without_hanging(prior, asked)
@@ -164,7 +164,7 @@ def detect_stations(prior: Prior, stations: Stations, settings: DetectSettings) 
     )  # fmt: skip
 
 
-def _distance(prior: Prior, points: np.ndarray) -> np.ndarray:
+def distance_to(prior: Prior, points: np.ndarray) -> np.ndarray:
     """(n,) [m] from points (n, 3) [m] to the surface of a building, as far as scans are matched."""
     return clearance(prior.scene, points.astype(np.float32), 2.0 * REACHES[0]).astype(np.float64)
 

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from jaxmm.classes.telling_rays import Telling, telling_rays
-from jaxmm.deviations.deviation import Faces, faces_of
+from jaxmm.deviations.deviation import faces_of
 from jaxmm.deviations.moved_faces import faces_of_moved
+from jaxmm.deviations.seen_surfaces import Faces
 from jaxmm.deviations.shifted_columns import beside_columns
 from jaxmm.inputs import InputError
 from jaxmm.learning.boxes import MISMATCH_TYPES
