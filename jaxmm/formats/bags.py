@@ -1,7 +1,8 @@
 """Bags of ROS 1 and 2, and MCAP files, as scans, through rosbags: clouds of one topic, with the poses that they tell.
 
 A message is a scan; messages of a sensor at rest are one scan together. Whether it stood still tell the poses; without
-any, the clouds do, where something holds them in all directions.
+any, the clouds do, where something holds them in all directions. After a pause of minutes the next message is a scan of
+its own, wherever it was taken: what a building is like is told by its date.
 """
 
 import contextlib
@@ -26,6 +27,7 @@ MCAP_HEAD = 1 << 10  # [bytes] that hold its profile
 METADATA = "metadata.yaml"  # in the folder of a ROS 2 bag
 EXTRA = "needs the extra ros: pip install 'jaxmm[ros]'"
 MOST_POINTS = 100_000_000  # of all messages together: more do not fit into usual memory
+PAUSE = 600.0  # [s] from message to message of a sensor at rest, at most: what it shows may have changed since
 OPTICAL = ("_optical", "_optical_frame")  # ends of the names of such frames (ROS Enhancement Proposal 103)
 
 
@@ -39,19 +41,23 @@ class _Group:
         self.frame, self.pose, self.messages, self.points = cloud.frame, pose, 0, GrowingPoints()
         self.date = from_unix(cloud.time) or from_unix(logged)
         self.first: np.ndarray | None = cloud.points if pose is None else None  # whether others look like it
-        self.take(cloud, pose)
+        self.take(cloud, pose, logged)
 
-    def take(self, cloud: Cloud, pose: RobotPose | None) -> None:
+    def take(self, cloud: Cloud, pose: RobotPose | None, logged: float) -> None:
         """Add the points of a message."""
+        self.times = cloud.time, logged
         points = cloud.points.copy()
         if pose is not None:
             to_world(points, pose.rotation, pose.position)
         self.points.append(points)
         self.messages += 1
 
-    def is_rest(self, cloud: Cloud, pose: RobotPose | None) -> bool:
-        """Whether a message was taken from the same place."""
+    def is_rest(self, cloud: Cloud, pose: RobotPose | None, logged: float) -> bool:
+        """Whether a message was taken from the same place, soon after the last one: by its own clock, and the log's."""
         if cloud.frame != self.frame or (pose is None) != (self.pose is None):
+            return False
+        clocks = zip((cloud.time, logged), self.times, strict=True)
+        if any(now and last and abs(now - last) > PAUSE for now, last in clocks):  # 0 where nobody set it
             return False
         return looks_at_rest(self.first, cloud.points) if pose is None else is_rest(self.pose, pose)
 
@@ -171,8 +177,8 @@ def _groups(path: Path, reader: Any, chosen: list[Any], ros: int, tree: FrameTre
         if not len(cloud.points):
             continue
         pose = tree.pose_of(cloud.frame, cloud.time or logged * 1e-9)
-        if group is not None and group.is_rest(cloud, pose):
-            group.take(cloud, pose)
+        if group is not None and group.is_rest(cloud, pose, logged * 1e-9):
+            group.take(cloud, pose, logged * 1e-9)
             continue
         if group is not None:
             group.first = None  # not needed any more, and large

@@ -272,3 +272,21 @@ def test_the_date_of_a_scan_is_that_of_its_message(tmp_path, kind, stamp, logged
     cloud = Types(kind).cloud(stamp, "lidar", seen_from(poses(1)[0]))
     (scan,) = read_scans(write_bag(tmp_path / "a", kind, [("/points", logged, cloud)]))
     assert scan.taken == told
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("stamps", "logs"), [
+    ((1_772_461_800.0, 1_772_721_000.0), (1_772_461_800.0, 1_772_721_000.0)),
+    ((1_772_461_800.0, 1_772_721_000.0), (1_772_721_000.0, 1_772_721_000.1)),  # written into a bag later
+    ((0.0, 0.0), (1_772_461_800.0, 1_772_721_000.0)),
+])  # fmt: skip
+@pytest.mark.parametrize("posed", [False, True])
+def test_what_was_taken_on_another_day_is_a_scan_of_its_own(tmp_path, kind, stamps, logs, posed):
+    types, place, messages = Types(kind), poses(1)[0], []
+    for number, (stamp, logged) in enumerate(zip(stamps, logs, strict=True)):
+        if posed:
+            messages.append(("/tf", logged, types.tf(stamp or logged, ("map", "lidar", place))))
+        messages.append(("/points", logged, types.cloud(stamp, "lidar", seen_from(place, 20_000, number))))
+    found = read_scans(write_bag(tmp_path / "a", kind, messages))
+    assert [len(scan.points) for scan in found] == [20_000, 20_000]
+    assert [scan.taken for scan in found] == ["2026-03-02T14:30:00Z", "2026-03-05T14:30:00Z"]
