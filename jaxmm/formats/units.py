@@ -66,5 +66,6 @@ def thinned(points: np.ndarray) -> np.ndarray:
 
 def _fit(points: np.ndarray, distance: Distance, unit: float) -> Fit:
     points = points * unit
-    on = distance(points, ON) < ON
-    return Fit(unit, float(np.mean(distance(points, NEAR) < NEAR)), float(np.mean(on)), height(points[on]))
+    apart = distance(points, NEAR)
+    on = apart < ON
+    return Fit(unit, float(np.mean(apart < NEAR)), float(np.mean(on)), height(points[on]))

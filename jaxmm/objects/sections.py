@@ -18,6 +18,7 @@ from jaxmm.vectors import lengths
 
 SEEN_AT = (0.1, 0.9)  # quantiles of the heights of a thing, between which rays are asked: its rims are no part of it
 NEAR = 0.12  # [m] in plan from a thinned point: what ends there is of the same thing
+CELL = 0.02  # [m] of a grid that tells what is so near
 WIDEST = 1.6  # [m] in plan: a thing that spans more is no column
 SLICE = 0.2  # [m] of height, in each of which one looks how far the thing reaches
 LEAST_ENDS = 20  # of rays on it, that tell a section
@@ -126,7 +127,7 @@ class _Ways:
         self._origin = origin if origin.ndim == 1 else None
         if self._origin is not None:
             azimuth = np.arctan2(rays.direction[:, 1], rays.direction[:, 0])
-            self._order = np.argsort(azimuth, kind="stable")
+            self._order = np.argsort(azimuth)
             self._azimuth = azimuth[self._order]
 
     def toward(self, middle: np.ndarray, around: float) -> np.ndarray:
@@ -144,24 +145,49 @@ class _Ways:
 
 def _ends_on(ways: _Ways, points: np.ndarray) -> _Ends:
     low, high = np.quantile(points[:, 2], SEEN_AT)
-    middle, tree = points[:, :2].mean(axis=0), cKDTree(points[:, :2])
+    middle = points[:, :2].mean(axis=0)
     around = float(lengths(points[:, :2] - middle).max()) + WIDEST / 2
     rays, rows = ways.rays, ways.toward(middle, around)
-    origin = np.broadcast_to(rays.origin, rays.direction.shape)[rows]
-    offset, direction = middle - origin[:, :2], rays.direction[rows, :2]
-    ahead = np.einsum("ij,ij->i", offset, direction)
-    beside = offset[:, 0] * direction[:, 1] - offset[:, 1] * direction[:, 0]
-    length = lengths(direction)
-    near = (ahead > 0.0) & (np.abs(beside) <= around * length) & np.isfinite(rays.distance[rows])
-    origin, direction = origin[near].astype(np.float64), rays.direction[rows[near]].astype(np.float64)
-    reach = rays.distance[rows[near]].astype(np.float64)
-    there = np.minimum(ahead[near] / np.maximum(length[near] ** 2, 1e-12), reach)
-    z = origin[:, 2] + there * direction[:, 2]
-    inside = (z >= low) & (z <= high)
-    origin, end = origin[inside], (origin + reach[:, None] * direction)[inside]
+    rows = rows[np.isfinite(rays.distance[rows])]
+    origin, direction = _of_rows(rays.origin, rows), rays.direction.take(rows, axis=0)
+    offset = middle - origin[..., :2]
+    ahead = offset[..., 0] * direction[:, 0] + offset[..., 1] * direction[:, 1]
+    beside = offset[..., 0] * direction[:, 1] - offset[..., 1] * direction[:, 0]
+    length = lengths(direction[:, :2])
+    near = np.flatnonzero((ahead > 0.0) & (np.abs(beside) <= around * length))
+    rows, origin, direction = rows[near], _of_rows(origin, near).astype(np.float64), direction[near].astype(np.float64)
+    reach = rays.distance[rows].astype(np.float64)
+    z = origin[..., 2] + np.minimum(ahead[near] / np.maximum(length[near] ** 2, 1e-12), reach) * direction[:, 2]
+    inside = np.flatnonzero((z >= low) & (z <= high))
+    origin = _of_rows(origin, inside)
+    end = origin + reach[inside, None] * direction[inside]
     at = (end[:, 2] >= low) & (end[:, 2] <= high)
-    at[at] = tree.query(end[at, :2], distance_upper_bound=NEAR)[0] <= NEAR
-    return _Ends(end[at, :2], np.floor((end[at, 2] - low) / SLICE).astype(int), origin[:, :2], end[:, :2])
+    at[at] = _are_near(end[at, :2], points[:, :2])
+    start = np.broadcast_to(origin[..., :2], (len(inside), 2))
+    return _Ends(end[at, :2], np.floor((end[at, 2] - low) / SLICE).astype(int), start, end[:, :2])
+
+
+def _are_near(places: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n,) bool: places (n, 2) [m] that are within NEAR of one of some points (k, 2) [m].
+
+    Of most the cell that they are in tells: one of a grid over the points, all of which is near, or nothing.
+    """
+    tree, low = cKDTree(points), points.min(axis=0) - NEAR
+    shape = np.ceil((points.max(axis=0) + NEAR - low) / CELL).astype(int) + 1
+    middle = low + (np.indices(shape).reshape(2, -1).T + 0.5) * CELL
+    apart, half = tree.query(middle)[0], 0.75 * CELL  # more than from a cell's middle to its corners
+    known = np.where(apart <= NEAR - half, 1, np.where(apart <= NEAR + half, 2, 0)).astype(np.int8)
+    step, row = (places - low) / CELL, np.zeros(len(places), np.int8)
+    inside = np.flatnonzero(((step >= 0.0) & (step < shape)).all(axis=1))
+    row[inside] = known[np.ravel_multi_index(step[inside].astype(int).T, shape)]
+    found, asked = row == 1, np.flatnonzero(row == 2)
+    found[asked] = tree.query(places[asked], distance_upper_bound=NEAR)[0] <= NEAR
+    return found
+
+
+def _of_rows(origin: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Where some rays (m,) int start: (m, 3) [m], or (3,) of all."""
+    return origin if np.ndim(origin) == 1 else origin[rows]
 
 
 def _along(found: _Ends) -> np.ndarray | None:

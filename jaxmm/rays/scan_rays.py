@@ -4,15 +4,15 @@ N points of a file, P rays, Q directions of a regular pattern. Positions are off
 axes: metres, z up.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
-import small_gicp
 
 from jaxmm.rays.evidence import Frame, frame_of
+from jaxmm.rays.near_rays import rays_around
 from jaxmm.vectors import lengths
 from warp_scanner.clouds.sightlines import cells_of
-from warp_scanner.launches import thread_count
 from warp_scanner.sensors.sensors import Sensor
 
 MOST_RAYS = 300_000  # of a scan that has more, so many are drawn: five times what networks learnt from
@@ -95,15 +95,20 @@ def drawn(points: np.ndarray, position: np.ndarray, seed: int = 0) -> np.ndarray
     """(K <= MOST_RAYS, 3) float64 [m]: of points (N, 3) as many as rays are needed, none of the sensor's housing."""
     points = even_draw(points, seed).astype(np.float64)
     reach = lengths(points - position)
-    return points[(reach > NEAREST) & (reach < np.inf)]
+    return points.take(np.flatnonzero((reach > NEAREST) & (reach < np.inf)), axis=0)
 
 
 def even_draw(points: np.ndarray, seed: int = 0) -> np.ndarray:
     """(K <= MOST_RAYS, 3): of points (N, 3) as many as rays are needed, of the sensor's housing as well."""
     if len(points) <= MOST_RAYS:
         return points
-    part = np.arange(MOST_RAYS + 1) * len(points) // MOST_RAYS  # one of each part of the file: evenly, none twice
-    return points[part[:-1] + np.random.default_rng(seed).integers(0, np.diff(part))]
+    return points.take(_even_rows(len(points), seed), axis=0)
+
+
+@functools.lru_cache(1)  # a scan is drawn from again and again
+def _even_rows(count: int, seed: int) -> np.ndarray:
+    part = np.arange(MOST_RAYS + 1) * count // MOST_RAYS  # one of each part of the file: evenly, none twice
+    return part[:-1] + np.random.default_rng(seed).integers(0, np.diff(part))
 
 
 def overtaken(points: np.ndarray, position: np.ndarray) -> float:
@@ -216,13 +221,12 @@ def _wide(holes: np.ndarray, known: np.ndarray, spacing: float) -> np.ndarray:
 
 def _are_wide(holes: np.ndarray, known: np.ndarray, spacing: float) -> np.ndarray:
     """(Q,) bool, by the ray that is nearest to each of them."""
-    tree = small_gicp.KdTree(known.astype(np.float64), num_threads=thread_count(None))
-    place, square = tree.batch_nearest_neighbor_search(np.column_stack([holes, np.ones(len(holes))]).astype(np.float64))
-    beside, which = np.unique(np.asarray(place), return_inverse=True)
-    around = np.asarray(tree.batch_knn_search(np.column_stack([known[beside], np.ones(len(beside))]), AROUND)[1])
+    nearest, square = rays_around(known, holes, 1)
+    beside, which = np.unique(nearest[:, 0], return_inverse=True)
+    around = rays_around(known, known[beside], AROUND)[1]
     # A square grid of as many rays in as large a circle.
-    apart = np.sqrt(around[:, -1] * np.pi / AROUND)[which.reshape(-1)]
-    return (apart <= UNEVEN * spacing) | (np.sqrt(np.asarray(square)) > HOLE * apart)
+    apart = np.sqrt(around * np.pi / AROUND)[which.reshape(-1)]
+    return (apart <= UNEVEN * spacing) | (np.sqrt(square) > HOLE * apart)
 
 
 def _surely_wide(holes: np.ndarray, known: np.ndarray) -> np.ndarray:

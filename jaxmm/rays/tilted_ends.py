@@ -9,16 +9,14 @@ rays, n of them asked. World frame: metres.
 from typing import NamedTuple
 
 import numpy as np
-import small_gicp
 
 from jaxmm.rays.evidence import margins
 from jaxmm.rays.hits import Hits
+from jaxmm.rays.near_rays import rays_around
 from jaxmm.rays.noise_model import Noise, noise_of, sigma_at
 from jaxmm.rays.pair_evidence import EVERY
-from jaxmm.rays.range_noise import nearest_rays
 from jaxmm.rays.scan_rays import ScanRays
 from warp_scanner.clouds.sightlines import cells_of
-from warp_scanner.launches import thread_count
 
 CELL = np.radians(1.0)  # of one element in a cell of directions so wide nearly all ends lie as it does: none is asked
 ALIKE_SHARE, FEW = 0.97, 8  # and those of cells with fewer rays
@@ -74,11 +72,10 @@ def tilted_ends(direction: np.ndarray, met: Met) -> np.ndarray:
     asked = _asked(direction, met)
     if len(measured) < NEIGHBOURS or not len(asked):
         return tilted
-    tree = small_gicp.KdTree(direction[measured].astype(np.float64), num_threads=thread_count(None))
+    near, _ = rays_around(direction[measured], direction[asked], NEIGHBOURS)
     for start in range(0, len(asked), AT_ONCE):
-        part = asked[start : start + AT_ONCE]
-        near = measured[nearest_rays(tree, direction[part].astype(np.float64), NEIGHBOURS)]
-        tilted[part] = _lie_otherwise(direction, met, part, near)
+        part = slice(start, start + AT_ONCE)
+        tilted[asked[part]] = _lie_otherwise(direction, met, asked[part], measured[near[part]])
     return tilted
 
 

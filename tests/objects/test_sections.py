@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from jaxmm.objects.face_finish import Rays
 from jaxmm.objects.familiar_sizes import by_section
 from jaxmm.objects.finder import ObjectSettings, find_objects
-from jaxmm.objects.sections import Section, _Ways, sections_of
+from jaxmm.objects.sections import NEAR, Section, _are_near, _Ways, sections_of
 from jaxmm.objects.walls import KnownBuilding
 from jaxmm.rays.scan_rays import PosedScan
 from jaxmm.verdicts.detection import detect_scans
@@ -66,6 +67,16 @@ def test_all_rays_that_pass_near_a_place_are_looked_at(seed):
     found = _Ways(rays).toward(middle, around)
     assert np.all(np.diff(found) > 0) and np.isin(np.flatnonzero(passes), found).all()
     assert len(found) < 1.2 * passes.sum() + 50 or np.hypot(*offset) < around
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_near_a_thing_is_told_as_by_asking_for_the_nearest_of_its_points(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.8, 0.8, (rng.integers(1, 60), 2)) + rng.uniform(-50.0, 50.0, 2)
+    places = points[rng.integers(0, len(points), 20_000)] + rng.normal(size=(20_000, 2)) * rng.choice([0.1, 5.0])
+    near = cKDTree(points).query(places, distance_upper_bound=NEAR)[0] <= NEAR
+    assert near.any() and not near.all()
+    np.testing.assert_array_equal(_are_near(places, points), near)
 
 
 def test_of_a_face_seen_straight_on_no_depth_is_known():

@@ -6,13 +6,12 @@ import re
 
 import numpy as np
 import pytest
-import small_gicp
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from jaxmm.learning.box_match import match_boxes
 from jaxmm.learning.prediction import read_judges
-from jaxmm.rays.range_noise import LEAST_POINTS, nearest_rays, settled, step_of
+from jaxmm.rays.range_noise import LEAST_POINTS, settled, step_of
 from jaxmm.rays.scan_rays import MOST_RAYS, PosedScan
 from jaxmm.runs.room_scans import room_cases, true_boxes
 from jaxmm.verdicts.detection import detect_scans
@@ -25,18 +24,6 @@ from warp_scanner.scenes.scenes import join
 from warp_scanner.sensors.poses import Pose
 from warp_scanner.sensors.sense import cast
 from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
-
-
-@pytest.mark.parametrize("count", [1, 13, 25])
-def test_the_closest_rays_are_those_that_scipy_finds(count):
-    direction = np.random.default_rng(8).normal(size=(4000, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    chosen = np.arange(0, 4000, 3)
-    found = nearest_rays(small_gicp.KdTree(direction), direction[chosen], count)
-    assert found.dtype == np.int32 and found.shape == (len(chosen), count)
-    expected = cKDTree(direction).query(direction[chosen], count)[1].reshape(len(chosen), count)
-    np.testing.assert_array_equal(found, expected)
-    np.testing.assert_array_equal(found[:, 0], chosen)
 
 
 @pytest.fixture(scope="module")
