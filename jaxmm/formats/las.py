@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxmm.formats.dates import from_day
 from jaxmm.formats.laz_chunks import check_chunks
-from jaxmm.formats.raw_scans import BLOCK, RawScan, check_count, check_swelling
+from jaxmm.formats.raw_scans import BLOCK, RawScan, ahead, check_count, check_swelling
 from jaxmm.inputs import InputError
 from warp_scanner.quiet import silent
 
@@ -58,14 +58,18 @@ def _backends(path: Path, header: Any) -> Any:
 def _believed(path: Path, file: Any) -> RawScan:
     """The points that the file itself takes for some."""
     count, kind = file.header.point_count, file.header.point_format.id
-    noise = NOISE if kind >= MANY_CLASSES else NOISE[:1]
+    left_out = np.zeros(256, bool)  # by class
+    left_out[list(NOISE if kind >= MANY_CLASSES else NOISE[:1])] = True
+    scale, shift = file.header.scales, file.header.offsets
     points, kept, found = np.zeros((count, 3)), 0, 0
-    for chunk in file.chunk_iterator(BLOCK):
+    for chunk in ahead(file.chunk_iterator(BLOCK)):
         found += len(chunk)
-        stays = ~(np.asarray(chunk.withheld, bool) | np.isin(np.asarray(chunk.classification), noise))
-        block = points[kept : kept + int(stays.sum())]
-        for axis, name in enumerate("xyz"):
-            block[:, axis] = np.asarray(getattr(chunk, name), np.float64)[stays]
+        stays = ~(np.asarray(chunk.withheld, bool) | left_out[np.asarray(chunk.classification)])
+        block, every = points[kept : kept + int(stays.sum())], stays.all()
+        for axis, name in enumerate("XYZ"):
+            steps = np.asarray(chunk[name])
+            np.multiply(steps if every else steps[stays], scale[axis], out=block[:, axis])
+            block[:, axis] += shift[axis]
         kept += len(block)
     if found < count:
         raise InputError(f"{path}: truncated: expected {count} points as its header promises, found {found}")

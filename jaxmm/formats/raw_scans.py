@@ -4,9 +4,10 @@ N points. World frame of the file, in its units. Points arrive in blocks and lan
 points is never held twice; its memory is taken as it fills, so a lying header costs nothing.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -20,6 +21,10 @@ MOST_POINTS = 2_000_000_000  # more than that is a damaged header
 MOST_SWELLING = 200  # times that a packed file may grow; real ones grow 3 to 20 times
 PLACE = np.radians(0.3)  # of rays that came back from nowhere, one is kept in each
 SMALL = 10_000  # [bytes] a file below this may swell as if it had them: packing has a fixed cost
+
+
+Block = TypeVar("Block")
+_END = object()
 
 
 class RawScan(NamedTuple):
@@ -108,6 +113,16 @@ def filled(path: Path, count: int, blocks: Iterable[np.ndarray], points: np.ndar
     return points
 
 
+def ahead(blocks: Iterable[Block]) -> Iterator[Block]:
+    """The same blocks, each made in another thread while the one before it is worked on."""
+    made = iter(blocks)
+    with ThreadPoolExecutor(1) as thread:
+        coming = thread.submit(next, made, _END)
+        while (block := coming.result()) is not _END:
+            coming = thread.submit(next, made, _END)
+            yield block
+
+
 class GrowingPoints:
     """Points of a file that does not say how many it holds; the array grows in place, so it is never held twice."""
 
@@ -150,7 +165,9 @@ def returned(points: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     Many devices write a ray so that came back from nowhere. One point may be measured there, and so it stays if it is
     the only one; and all stay if there are no others.
     """
-    some = ~((points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0))
+    some = points[:, 0] != 0.0
+    rows = np.flatnonzero(~some)  # few, mostly
+    some[rows] = (points[rows, 1:] != 0.0).any(axis=1)
     count, none = len(points), len(points) - int(some.sum())
     if not 1 < none < count:
         return points, ()
@@ -163,7 +180,9 @@ def nearer(points: np.ndarray, farthest: float) -> np.ndarray:
     found = np.zeros(len(points), bool)
     for start in range(0, len(points), BLOCK):  # what is held of all of them at once would be a third of the points
         block = slice(start, start + BLOCK)
-        found[block] = (np.abs(points[block]) < farthest).all(axis=1)
+        # Nearly always all are, which two passes tell; no comparison with NaN holds.
+        near = points[block].min() > -farthest and points[block].max() < farthest
+        found[block] = near or (np.abs(points[block]) < farthest).all(axis=1)
     return found
 
 

@@ -22,6 +22,7 @@ from jaxmm.verdicts.placement import FAR_SHIFT
 from jaxmm.verdicts.priors import Y_UP, Prior, distance_from, read_prior
 from jaxmm.verdicts.scan_frames import ALIKE, CLEARER, LEAST, MEANINGS, MapGrid, OwnScan, as_it_fits, by_sight, map_grid
 from warp_scanner.buildings.model_files import Model
+from warp_scanner.launches import share_out, thread_count
 from warp_scanner.lengths import length_in_words
 
 SURE = 0.8  # share of points on the prior, from which no other way to read it is tried
@@ -43,6 +44,7 @@ STOREY = 3.0  # [m] about as high as scans are
 # So many times as high as a whole prior no scan of it is, unless it lies on the scan with so large a share of itself:
 # read in too small a unit, a prior is near all of a scan, and most of it hangs in the air.
 HIGHER, MET = 2.0, 0.5
+AT_ONCE = 32 * IN_CACHE  # points of one thread
 MOST_MET = 100_000  # points of a scan that a prior may lie on
 
 
@@ -65,9 +67,13 @@ class LaidScan(NamedTuple):
     def offsets(self, origin: np.ndarray) -> np.ndarray:
         """(N, 3) float32 [m] from an origin (3,) in the world, block by block: of a large scan no copies are held."""
         found = np.zeros(self.own.shape, np.float32)
-        for start in range(0, len(found), IN_CACHE):
-            block = slice(start, start + IN_CACHE)
-            found[block] = self.way(self.own[block]) - origin
+
+        def move(first: int, size: int) -> None:
+            for start in range(first, first + size, IN_CACHE):
+                block = slice(start, min(start + IN_CACHE, first + size))
+                found[block] = self.way(self.own[block]) - origin
+
+        share_out(move, len(found), thread_count(None), AT_ONCE)
         return found
 
 

@@ -76,7 +76,7 @@ def thinned_cloud(points: np.ndarray, size: float = 0.1) -> np.ndarray:
     kept = np.zeros(0, np.int64)
     for start in range(0, len(points), LARGE):
         kept = np.concatenate([kept, np.arange(start, min(start + LARGE, len(points)))])
-        kept = kept[thin_clouds([points[kept]], size)[0]]
+        kept = kept[thin_clouds([points.take(kept, axis=0)], size)[0]]
     return kept
 
 
