@@ -17,7 +17,6 @@ from jaxmm.commands import benchmark_options, detect_options, progress_options
 from jaxmm.commands.interruptions import heed, interruption
 from jaxmm.config import CONDITIONS, SCENARIOS
 from jaxmm.devices import check_devices
-from jaxmm.files import check_writable
 from jaxmm.inputs import InputError
 
 ENGINES = ("local", "ray")
@@ -276,6 +275,7 @@ def _scan(options: argparse.Namespace) -> None:
 
     from jaxmm.commands.detect_options import read_options
     from jaxmm.commands.scanning import check_returns, opened, scan_of
+    from jaxmm.files import check_writable
     from jaxmm.formats import writers
     from jaxmm.formats.poses import parse_pose
     from warp_scanner.scenes.remarks import remarks

@@ -16,10 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxmm.config import CONDITIONS, SCENARIOS
-from jaxmm.inputs import InputError, read_csv, read_labels, read_points
+from jaxmm.inputs import InputError
 from jaxmm.learning.labels import labels_by_element
 from jaxmm.learning.metrics import METRICS, point_metrics
 from jaxmm.learning.preprocess import nearest_distance
+from jaxmm.thesis.inputs import read_csv, read_labels, read_points
 
 SCAN_NAME = re.compile(r"(?P<room>room_\w+?)_(?P<condition>clean|occluded)_(?P<side>dt|robot)_scan_(?P<tail>\w+)\.npy")
 AUGMENTED = ("_rotated", "_translated")  # endings of the moved copies that the thesis also stored

@@ -38,6 +38,11 @@ def test_every_command_has_help_with_an_example_that_parses(command, capsys):
     assert options.command == command and not options.debug
 
 
+def test_help_waits_for_no_library():
+    told = "import sys, jaxmm.commands.cli; print(sorted({'numpy', 'jax', 'warp', 'scipy', '_hashlib'} & {*sys.modules}))"
+    assert subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
 def test_help_lists_every_command(capsys, said):
     assert said("--help") == (0, [])
     with pytest.raises(SystemExit):

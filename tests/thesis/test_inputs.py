@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxmm.inputs import InputError, read_csv, read_labels, read_points
+from jaxmm.inputs import InputError
+from jaxmm.thesis.inputs import read_csv, read_labels, read_points
 
 
 def saved(path, array, **options):
