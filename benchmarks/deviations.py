@@ -44,7 +44,7 @@ from jaxmm.verdicts.detection import detect_scans
 from jaxmm.verdicts.named_scans import NamedScan
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.settings import DetectSettings
-from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, REMOVED, UNSCANNED
+from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, REMOVED, UNSCANNED, VerdictSettings
 from jaxmm.weights import DEFAULT
 from warp_scanner import draws
 from warp_scanner.buildings.changes import of_element
@@ -62,20 +62,22 @@ SEED = 42  # of validation
 FULL = {"sensors": ("tls-real", "ouster-64-real", "velodyne-16-real", "oak-d-pro-real"), "rooms": 20, "places": 2}
 SMOKE = {"sensors": ("ouster-64-real",), "rooms": 2, "places": 1}
 LEAST_RAYS = 500  # that end on an element, to be counted
+LEAST_SHOWN = VerdictSettings().least_rays  # noise-free rays that end on an element, or furniture hides it
 LEAST_SEEN = 0.002  # share of the rays that would meet an element, for it to be moved
 SHIFT, TURN = (0.005, 0.3), (0.2, 3.0)  # [m], [deg]
 SCANS = 3  # that are told together
 NEAR = 0.2  # [m] about a box in plan, within which something new is that box
+NOT_THERE = REMOVED, OCCLUDED, UNSCANNED
 AT_ONCE = 8  # rooms that are made together: of all at once a scanner's rays fill the memory
 MOST_RANGE = {sensor_named("oak-d-pro-real"): 4.0}  # [m]
 COLUMNS = (
     "view", "views", "refused", "doubted", "moved", "measured", "median error [mm]", "of what stands still [mm]",
-    "held", "median half interval [mm]", "C2M [mm]", "M3C2 [mm]", "moved, told removed or hidden",
+    "held", "median half interval [mm]", "C2M [mm]", "M3C2 [mm]", "moved, told removed or hidden", f"of those that {LEAST_SHOWN} rays meet",
     "still, told displaced", "false new", "of these furniture", "false removed",
 )  # fmt: skip
 
 
-SHARES = ("held", "gone", "falsely displaced")
+SHARES = ("held", "gone", "gone though shown", "falsely displaced")
 
 
 class Kind(NamedTuple):
@@ -105,6 +107,7 @@ class Case(NamedTuple):
     scans: list[PosedScan]
     moved: dict[int, np.ndarray]  # row -> (3,) [m] by which the middle of the element was moved
     turned: set[int]  # rows that were turned, or lean
+    shows: dict[int, int]  # row -> noise-free rays of all scans that end on what was moved, where it stands
     boxes: np.ndarray  # (2, F, 3) [m] lower and upper corners of furniture
     rivals: dict[str, dict[int, float]]  # by peer: row -> [m] off its place; of several scans no peer tells
 
@@ -140,7 +143,10 @@ def case_of(prior: Prior, sensor: str, pose: Pose, kind: Kind, key: tuple[int, i
     poses = [pose, *_other_places(prior, key)][: kind.scans]
     scans = [scanned(scene, stands, (sensor_named(sensor), one), (key[0], key[1] + 1000 * number))[0]
              for number, one in enumerate(poses)]  # fmt: skip
-    return Case(prior, scans, steps, turned, boxes, told_by_rivals(prior.scene, scans[0]) if kind.scans == 1 else {})
+    ends = [cast_triangles(scene, rays_of(sensor_named(sensor), one)).element[0] for one in poses]
+    shows = {row: sum(int(np.sum(one == row)) for one in ends) for row in steps}
+    rivals = told_by_rivals(prior.scene, scans[0]) if kind.scans == 1 else {}
+    return Case(prior, scans, steps, turned, shows, boxes, rivals)
 
 
 def _other_places(prior: Prior, key: tuple[int, int]) -> list[Pose]:
@@ -204,7 +210,7 @@ def told_of(case: Case, judges: Judges, most: tuple[float, float, float], rng: n
             continue
         new: dict[str, Any] = {"row": row, "moved": moved, "verdict": one.verdict, "turned": row in case.turned}
         if moved:
-            new["by"] = float(np.linalg.norm(case.moved[row]))
+            new |= {"by": float(np.linalg.norm(case.moved[row])), "shows": case.shows[row]}
         if deviation is not None and deviation.rays >= LEAST_RAYS and _range(case, row) <= farthest:
             way = np.array(deviation.direction)
             true = float(case.moved.get(row, np.zeros(3)) @ way)
@@ -247,7 +253,8 @@ def row_of(case: str, told: list[dict[str, Any]]) -> dict[str, Any]:
         "held": _counts([abs(each["off"]) <= each["half"] for each in everywhere]),
         "half": float(np.median([each["half"] for each in everywhere])) if everywhere else float("nan"),
         "C2M": middle("C2M", known), "M3C2": middle("M3C2", known),
-        "gone": _counts([each["verdict"] in (REMOVED, OCCLUDED, UNSCANNED) for each in moved]),
+        "gone": _counts([each["verdict"] in NOT_THERE for each in moved]),
+        "gone though shown": _counts([one["verdict"] in NOT_THERE for one in moved if one["shows"] >= LEAST_SHOWN]),
         "falsely displaced": _counts([each["verdict"] == DISPLACED for each in still]),
         "new": sum(one["new"] for one in views), "boxes": sum(one["new boxes"] for one in views),
         "removed": sum(one["gone"] for one in views),
@@ -322,7 +329,7 @@ def _line(row: dict[str, Any]) -> str:
     shares = {name: share_with_interval(*row[name]) for name in SHARES}
     names = (
         "case", "views", "refused", "doubted", "moved", "measured", "ours", "still", "held", "half", "C2M", "M3C2",
-        "gone", "falsely displaced", "new", "boxes", "removed",
+        "gone", "gone though shown", "falsely displaced", "new", "boxes", "removed",
     )  # fmt: skip
     return "| " + " | ".join(str((row | mm | shares)[name]) for name in names) + " |"
 

@@ -20,6 +20,7 @@ IN_PLACE = 0.03  # [m] off its face, up to which a thing is in its place, or har
 STANDS = 0.5  # share of the rays that could reach a face, that must end on it
 TRIES, TRIED = 80, 400  # samples of three rays, and rays that judge them
 MOST_SLOPE = np.tan(np.radians(10.0))  # of a face off its place, against it
+SURELY = 2.0  # standard deviations, by which a slope is more
 BENT = np.radians(0.5)  # that normals of one face may differ by; of a bent one, slopes tell nothing
 LEAST_SIGMA = 0.0001  # [m] of exact rays
 CUT = 4.0  # standard deviations, beyond which a ray has no say
@@ -185,7 +186,7 @@ def _fitted(
         place, found, left, sigma = _least_squares(group.off, met, on)
         width = min(max(CUT * sigma, 2.0 * LEAST_SIGMA), IN_PLACE)
         new = np.abs(left) < width
-        if new.sum() < LEAST_RAYS or not _is_wide(place[new]) or np.abs(found[1:]).max() > MOST_SLOPE:
+        if new.sum() < LEAST_RAYS or not _is_wide(place[new]):
             return None
         if np.array_equal(new, on):
             break
@@ -195,6 +196,9 @@ def _fitted(
     if abs(normal[2]) > STEEP and found[0] > IN_PLACE:
         return None  # a screed, or a ceiling that hangs below a slab, hides where the slab is
     variance = _variance(place[on], apart[on], sigma)
+    # Settled ranges cut corners: of a narrow face they, and few rays that err, tell slopes that it does not have.
+    if np.any(np.abs(found[1:]) - SURELY * np.sqrt(np.diag(variance)[1:]) > MOST_SLOPE):
+        return None
     if np.max(np.arccos(np.clip(group.normal @ normal, -1.0, 1.0))) > BENT:
         variance = np.diag([variance[0, 0], *np.full(2, UNKNOWN_SLOPE**2)])
     behind = int(np.sum(left < -max(width, IN_PLACE)))

@@ -30,6 +30,7 @@ EXPLAINED = 0.02  # [m] from the surface of something else, within which a point
 ENDS = 0.1  # [m] at foot and head that are left out: floors and ceilings are there
 AROUND = 0.25  # [m] farther than it may have moved: what reaches there is something else
 LEAST_POINTS, LEAST_SHARE = 40, 0.75  # points there that belong to nothing else, and how many of them lie on it
+FEWER, OF_FEWER = 20, 0.9  # of fewer nearly all
 SQUARE, STRIP = 0.5, 1 << 32  # [m] edge of squares in plan; more than there are squares in a strip
 MOST_POINTS = 2000  # of them that are laid
 AS_GOOD = 0.97  # of the most points: shifts with so many are as likely
@@ -159,13 +160,13 @@ class _Places:
 
 
 def _shift(places: _Places, about: np.ndarray, row: int, most: float) -> Shift | None:
-    if len(about) < LEAST_POINTS:
+    if len(about) < FEWER:
         return None
     about = about[thin_clouds([about], THIN)[0]]
     triangles, others = places.triangles, places.others
     if (near := places.near(row)[others.element]).any():
         about = about[clearance(prepare_part(others, near), about, 2.0 * EXPLAINED) > EXPLAINED]
-    if len(about) < LEAST_POINTS:
+    if len(about) < FEWER:
         return None
     about = about[:: -(-len(about) // MOST_POINTS)]
     line = np.arange(-most, most + STEP / 2.0, STEP)
@@ -177,8 +178,9 @@ def _shift(places: _Places, about: np.ndarray, row: int, most: float) -> Shift |
     off = clearance(own, laid, ON).reshape(len(tried), -1)
     on = np.sum(off < CLOSE, axis=1)
     in_place = on[np.argmin(lengths(tried))]
+    least = LEAST_SHARE if len(about) >= LEAST_POINTS else OF_FEWER
     # Ranges err by a centimetre and more, and so does the nearest shift that is tried.
-    if np.sum(off[on.argmax()] < ON) < LEAST_SHARE * len(about) or in_place > AS_GOOD * on.max():
+    if np.sum(off[on.argmax()] < ON) < least * len(about) or in_place > AS_GOOD * on.max():
         return None
     good = tried[on >= AS_GOOD * on.max(), :2]
     if np.ptp(good, axis=0).max() > MOST_SPREAD:

@@ -39,3 +39,48 @@ def test_walls_that_are_straight_are_told_at_their_unseen_ends(is_turned):
     pose = faces_of(prepare(hall()), seen(real), EXACT).poses[0]
     turn, lean = pose.tilt
     assert pose.place > 0.002 and (turn > 0.002) == is_turned and (turn < 0.0005) != is_turned and lean < 0.0005
+
+
+def three_moved(seed, rows, alike=False):
+    """A room of which three of four walls moved: model, what a scan shows whose pose fits one of each two, and truth."""
+    rng, model = np.random.default_rng(seed), building_of([HALL[row] for row in rows]).triangles
+    real, true, both = model, dict.fromkeys(range(2, 6), 0.0), rng.uniform(-0.1, 0.1, 2)
+    for row in rng.permutation(range(2, 6))[:3].tolist():
+        axis = int(row > 3)
+        true[row] = float(both[axis] if alike else np.exp(rng.uniform(*np.log([0.005, 0.3]))) * rng.choice((-1, 1)))
+        real = moved(real, row, np.where(np.arange(3) == axis, true[row], 0.0))
+    rays = seen(real, noise=0.002, seed=seed)
+    fits = np.array([true[rng.choice((2, 3))], true[rng.choice((4, 5))], 0.0])
+    found = deviations_of(
+        prepare(model), [rays._replace(position=rays.position - fits)], [REGISTERED], np.full(len(rows), 0.03)
+    )
+    return found, true
+
+
+def span(one, row):
+    return one.interval[int(row > 3)]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_three_of_four_walls_moved_a_column_tells_by_how_much_or_it_is_left_open(seed):
+    found, true = three_moved(seed, [row for row in range(len(HALL)) if row != FREE])
+    for row, off in true.items():
+        both = span(found[row], row)
+        assert both is None or both[0] - 1e-3 <= off <= both[1] + 1e-3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_nothing_else_stands_no_wall_is_told_to_be_off_that_is_not_off_by_so_much(seed):
+    found, true = three_moved(seed, range(6))
+    for row, off in true.items():
+        both = span(found[row], row)
+        assert both is None or found[row].surely <= 0.0 or both[0] - 1e-3 <= off <= both[1] + 1e-3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_two_walls_that_moved_alike_are_where_the_pose_has_them(seed):
+    """No scan tells that from a pose that is off: neither is told to be off its place."""
+    found, true = three_moved(seed, range(6), alike=True)
+    for pair in ((2, 3), (4, 5)):
+        if true[pair[0]] == true[pair[1]]:
+            assert all(found[row].surely <= 0.0 for row in pair)
