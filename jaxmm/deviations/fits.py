@@ -25,6 +25,7 @@ BENT = np.radians(0.5)  # that normals of one face may differ by; of a bent one,
 LEAST_SIGMA = 0.0001  # [m] of exact rays
 CUT = 4.0  # standard deviations, beyond which a ray has no say
 ROUNDS, SETTLED = 10, 1e-6  # [m] of level, and of slopes
+OF_SIGMA = 0.01  # of what rays err by: less than what the most of them leave open
 # [m] before a face, from which on a cupboard's front may be there; of those up to so far below the wall's head, or so
 # high above its foot, at least.
 FRONT, BELOW, CUPBOARD = 0.1, 0.12, 2.6
@@ -181,9 +182,10 @@ def _fitted(
 ) -> Fit | None:
     """Least squares about the rays of a start (K,) bool: settled ranges tell which end on it, measured ones where."""
     normal, axes = frame
-    on = start
+    on, plane = start, None
     for _ in range(ROUNDS):
-        place, found, left, sigma = _least_squares(group.off, met, on)
+        place, found, left, sigma = _least_squares(group.off, met, on, plane)
+        plane = group.off - left
         width = min(max(CUT * sigma, 2.0 * LEAST_SIGMA), IN_PLACE)
         new = np.abs(left) < width
         if new.sum() < LEAST_RAYS or not _is_wide(place[new]):
@@ -192,7 +194,7 @@ def _fitted(
             break
         on = new
     measured = group.as_measured()
-    place, found, apart, sigma = _least_squares(measured.off, met, on)
+    place, found, apart, sigma = _least_squares(measured.off, met, on, plane)
     if abs(normal[2]) > STEEP and found[0] > IN_PLACE:
         return None  # a screed, or a ceiling that hangs below a slab, hides where the slab is
     variance = _variance(place[on], apart[on], sigma)
@@ -211,16 +213,20 @@ def _fitted(
 
 
 def _least_squares(
-    off: np.ndarray, met: tuple[np.ndarray, np.ndarray], on: np.ndarray
+    off: np.ndarray, met: tuple[np.ndarray, np.ndarray], on: np.ndarray, start: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Of a plane by rays of a mask (K,): places (K, 2) on it, level and slopes (3,), what is left (K,), and sigma.
 
     Slopes are about the mean of the places of the mask. At edges ranges are mixed with what is before or behind: many
     of them lie a little off, all to one side. So rays have the less weight, the farther off they lie (biweight: Beaton
-    and Tukey 1974).
+    and Tukey 1974). They begin alike, or as they are off a plane that is near already, `start` (K,) [m] of each ray.
     """
     weight, last, offs = np.ones(on.sum()), np.full(3, np.inf), off[on]
     (places, drift), fitted = (one[on] for one in met), np.median(offs)
+    if start is not None:
+        fitted = start[on]
+        apart = np.abs(offs - fitted)
+        weight = _weight(apart, _sigma(apart))
     for _ in range(ROUNDS):
         there = places - drift * np.reshape(fitted, (-1, 1))
         middle = there.mean(axis=0)
@@ -230,15 +236,26 @@ def _least_squares(
         found = np.linalg.lstsq(weighted @ tell, weighted @ offs, rcond=None)[0]
         fitted = tell @ found
         apart = np.abs(offs - fitted)
-        sigma = max(LEAST_SIGMA, 1.4826 * float(np.median(apart)))
-        if np.abs(found - last).max() < SETTLED:
+        sigma = _sigma(apart)
+        if np.abs(found - last).max() < max(SETTLED, OF_SIGMA * sigma):
             break
-        weight, last = np.square(1.0 - np.square(np.minimum(apart / (CUT * sigma), 1.0))), found
+        weight, last = _weight(apart, sigma), found
     places, drift = met
     # Where each ray meets the plane: off = level + slope . (place - drift * off - middle).
     plane = found[0] + (places - middle) @ found[1:]
     fitted = plane / np.maximum(1.0 + drift @ found[1:], LEAST_FACING)
     return places - drift * fitted[:, None], found, off - fitted, sigma
+
+
+def _sigma(apart: np.ndarray) -> float:
+    """[m] standard deviation of rays so far (n,) [m] off a plane, whatever some of them are off."""
+    middle = len(apart) // 2
+    return max(LEAST_SIGMA, 1.4826 * float(np.partition(apart, middle)[middle]))
+
+
+def _weight(apart: np.ndarray, sigma: float) -> np.ndarray:
+    """(n,) of the same rays: 0 from CUT standard deviations on."""
+    return np.square(1.0 - np.square(np.minimum(apart / (CUT * sigma), 1.0)))
 
 
 def _variance(place: np.ndarray, left: np.ndarray, sigma: float) -> np.ndarray:
