@@ -10,12 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.classes.open_doors import leaf_is_near, opening_of
+from jaxmm.rays.noise_model import Noise, noise_of, sigma_at
 from jaxmm.rays.scan_rays import ScanRays
 from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.scan import Rays
 from warp_scanner.sensors.triangles import TriangleScene, cast_faces, cast_triangles, face_normals
 
 ERROR, GROWS = 0.03, 0.005  # [m] of a range across a surface, and more for each metre of it
+SIGMAS = 3.0  # standard deviations of ranges, that all toward one thing may err by together
+EVERY = 8  # one of so many rays tells how they err
 LEAST_COSINE = 0.2  # beyond this incidence an error along the ray grows no further
 BESIDE = 0.015  # [m] aside of its place, from where the sensor must still see a ray meet the same element
 FRAME = 0.07  # [m] from the outline of what opens or has a pane, and does not show where: its frame
@@ -31,6 +34,15 @@ class Telling(NamedTuple):
     through: np.ndarray  # (E,) int that end clearly behind it
     support: np.ndarray  # (E,) int that end on it
     glass: np.ndarray  # (E,) int that end behind its panes, or its leaf: they do not tell
+
+
+class View(NamedTuple):
+    """Rays of one scan, and how they err."""
+
+    position: np.ndarray  # (3,) [m]
+    direction: np.ndarray  # (n, 3)
+    distance: np.ndarray  # (n,) [m]
+    noise: Noise
 
 
 class Known(NamedTuple):
@@ -53,19 +65,36 @@ def telling_rays(known: Known, rays: ScanRays, asked: np.ndarray, gone: np.ndarr
     """
     count = len(asked)
     found = Telling(*(np.zeros(count, np.int64) for _ in range(3)))
-    view = rays.direction[: rays.measured], rays.distance[: rays.measured]
-    first = cast_triangles(known.scene, Rays(rays.position[None], view[0]), ~gone).element[0]
+    view = _view_of(known.scene, rays, gone)
+    first = cast_triangles(known.scene, Rays(view.position[None], view.direction), ~gone).element[0]
     order = np.argsort(first, kind="stable")
     starts = np.searchsorted(first[order], np.arange(count + 1))
     for row in np.flatnonzero(asked):
         own = slice(None) if gone[row] else order[starts[row] : starts[row + 1]]
         if gone[row] or len(first[own]):
-            _count(known, (rays.position, view[0][own], view[1][own]), int(row), gone, found)
+            some = view._replace(direction=view.direction[own], distance=view.distance[own])
+            _count(known, some, int(row), gone, found)
     for row in np.flatnonzero(_is_passed(known, found)):
-        if _is_open(known, (rays.position, *view), int(row), gone):
+        if _is_open(known, view[:3], int(row), gone):
             found.glass[row] += found.through[row]
             found.through[row] = 0
     return found
+
+
+def _view_of(scene: TriangleScene, rays: ScanRays, gone: np.ndarray) -> View:
+    """The rays of a scan that came back, and how they err by what is not gone (E,)."""
+    direction, distance = rays.direction[: rays.measured], rays.distance[: rays.measured]
+    some = direction[::EVERY]
+    expected, face = cast_faces(scene, Rays(rays.position[None], some), ~gone)
+    reach = expected.distance[0]
+    noise = noise_of(distance[::EVERY] - reach, _cosine(scene, some, face[0]), reach)
+    return View(rays.position, direction, distance, noise)
+
+
+def _cosine(scene: TriangleScene, direction: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """(n,) of the angle between rays along directions (n, 3) and the normals of the faces (n,) that they meet."""
+    normal = face_normals(scene.triangles, face[None])[0].astype(np.float64)
+    return np.abs(np.sum(normal * direction, axis=1)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
 
 
 def _is_passed(known: Known, told: Telling) -> np.ndarray:
@@ -83,11 +112,9 @@ def _is_open(known: Known, view: tuple[np.ndarray, np.ndarray, np.ndarray], row:
     return leaf_is_near(opening_of(corners), view, expected)
 
 
-def _count(
-    known: Known, view: tuple[np.ndarray, np.ndarray, np.ndarray], row: int, gone: np.ndarray, found: Telling
-) -> None:
-    """Add what some rays, from where and along which directions how far, tell of one element."""
-    position, direction, distance = view
+def _count(known: Known, view: View, row: int, gone: np.ndarray, found: Telling) -> None:
+    """Add what some rays tell of one element."""
+    position, direction, distance, noise = view
     only = np.zeros(len(gone), bool)
     only[row] = True
     own, face = cast_faces(known.scene, Rays(position[None], direction), only)
@@ -96,9 +123,9 @@ def _count(
     if not len(reach):
         return
     behind = cast_triangles(known.scene, Rays(position[None], direction), ~(gone | only)).distance[0]
-    normal = face_normals(known.scene.triangles, face[None])[0].astype(np.float64)
-    cosine = np.abs(np.sum(normal * direction, axis=1)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
-    margin = (ERROR + GROWS * reach) / np.maximum(cosine, LEAST_COSINE)
+    cosine = _cosine(known.scene, direction, face)
+    error = np.maximum(ERROR + GROWS * reach, SIGMAS * sigma_at(noise, reach))
+    margin = error / np.maximum(cosine, LEAST_COSINE)
     if known.scene.triangles.semantic[row] in (DOOR, WINDOW):
         _add_casing(row, (distance - reach, behind - reach, margin), found)
     tells = behind - reach > 2.0 * margin

@@ -67,6 +67,24 @@ def test_a_solid_thing_is_told_by_all_its_rays(semantic, gone):
     assert through > 1000 and support == glass == 0
 
 
+@pytest.mark.parametrize("gone", [False, True], ids=["held for present", "held for gone"])
+def test_what_stands_so_far_away_that_a_camera_errs_by_more_than_its_depth_is_not_passed(gone):
+    """All rays toward it are too long, and by more than near by: their errors grow with the square of the range."""
+    back, bar = (0, [13.0, 0.0, 0.0], [0.1, 40.0, 40.0]), (1, [9.8, 0.0, 0.0], [0.2, 1.6, 3.0])
+    known = known_of([back, bar], OTHER, ifc_class="IfcBeam")
+    rng = np.random.default_rng(1)
+
+    def seen(boxes):
+        scan = scan_of(boxes)
+        error = scan.distance**2 * (0.0016 + rng.normal(0.0, 0.0008, len(scan.distance)))
+        return scan._replace(distance=(scan.distance + error).astype(np.float32))
+
+    through, support, _ = told(known, seen([back, bar]), gone=(False, gone))
+    assert support > 10 * through
+    through, support, _ = told(known, seen([back]), gone=(False, gone))
+    assert through > 500 and support < 0.01 * through
+
+
 def test_rays_through_glass_tell_nothing_and_the_frame_tells_all():
     known = known_of([BACK, *FRAME, *PANE], WINDOW, clear=[5])
     through, support, glass = told(known, scan_of([BACK, *FRAME]))  # it stands, and rays pass its pane
