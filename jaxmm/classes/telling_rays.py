@@ -22,6 +22,7 @@ EVERY = 8  # one of so many rays tells how they err
 LEAST_COSINE = 0.2  # beyond this incidence an error along the ray grows no further
 BESIDE = 0.015  # [m] aside of its place, from where the sensor must still see a ray meet the same element
 FRAME = 0.07  # [m] from the outline of what opens or has a pane, and does not show where: its frame
+NOISY = 2.0  # times the usual error, up to which many rays together tell of a casing what none tells alone
 LEAST_GAP, LEAST_UPON = 0.012, 40  # [m] of a casing before its wall; rays that end on either
 POSE = 0.005  # [m] by which a registered scan may be off, across what it is registered to
 OPEN = 0.2  # share of the rays that tell of a door, that may end on it where it may be open, or gone
@@ -117,17 +118,18 @@ def _count(known: Known, view: View, row: int, gone: np.ndarray, found: Telling)
     position, direction, distance, noise = view
     only = np.zeros(len(gone), bool)
     only[row] = True
-    own, face = cast_faces(known.scene, Rays(position[None], direction), only)
-    meets = np.isfinite(own.distance[0])
-    direction, distance, reach, face = direction[meets], distance[meets], own.distance[0, meets], face[0, meets]
+    met, face = cast_faces(known.scene, Rays(position[None], direction), only)
+    meets = np.isfinite(met.distance[0])
+    direction, distance, reach, face = direction[meets], distance[meets], met.distance[0, meets], face[0, meets]
     if not len(reach):
         return
     behind = cast_triangles(known.scene, Rays(position[None], direction), ~(gone | only)).distance[0]
     cosine = _cosine(known.scene, direction, face)
-    error = np.maximum(ERROR + GROWS * reach, SIGMAS * sigma_at(noise, reach))
-    margin = error / np.maximum(cosine, LEAST_COSINE)
+    usual, own = ERROR + GROWS * reach, SIGMAS * sigma_at(noise, reach)
+    margin = np.maximum(usual, own) / np.maximum(cosine, LEAST_COSINE)
     if known.scene.triangles.semantic[row] in (DOOR, WINDOW):
-        _add_casing(row, (distance - reach, behind - reach, margin), found)
+        sure = own <= NOISY * usual  # else all of them may be off by more than a casing is deep
+        _add_casing(row, tuple(one[sure] for one in (distance - reach, behind - reach, margin)), found)
     tells = behind - reach > 2.0 * margin
     direction, distance, reach, margin = (one[tells] for one in (direction, distance, reach, margin))
     pane = _is_pane(known, row, position + direction * reach[:, None].astype(np.float64), face[tells])

@@ -113,12 +113,15 @@ def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> li
     rays, points = sum(one.rays for one in told), sum(one.points for one in told)
     scanned, seen = (np.any(fields, axis=0) for fields in ([one.scanned for one in told], counts))
     scanned &= rays.any(axis=1)  # a direction may meet what no ray that is known passes by, or tells from another
+    # Of few rays, most of which end on it, the networks alone do not take an element away.
+    tells, _ = _told_and_back(rays)
+    doubtful = (tells < SURELY * settings.least_rays) & (rays[:, SUPPORT] >= rays[:, THROUGH])
     found = []
     for row in range(len(logit)):
         verdict = REMOVED if probability[row] >= settings.threshold else PRESENT
-        if not seen[row]:
+        if not seen[row] or (verdict == REMOVED and doubtful[row]):
             verdict = OCCLUDED if scanned[row] else UNSCANNED
-        known = float(probability[row]) if seen[row] else settings.change_prior
+        known = float(probability[row]) if verdict in (PRESENT, REMOVED) else settings.change_prior
         found.append(Verdict(verdict, known, int(points[row]), tuple(int(value) for value in rays[row])))
     return found
 

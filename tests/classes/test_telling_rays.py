@@ -135,6 +135,19 @@ def test_all_rays_at_a_casing_tell_together_what_none_tells_alone():
     assert through > 300 and support == 0
 
 
+def test_glass_far_away_is_no_casing_to_a_camera():
+    """What is behind it is nearer than its ranges are known to: nobody can tell on which of both rays end."""
+    solid = (1, [12.4, 0.0, 0.0], [0.2, 0.9, 1.8])
+    frame = [(1, [12.4, y, 0.0], [0.2, 0.07, 1.8]) for y in (-0.415, 0.415)]
+    frame += [(1, [12.4, 0.0, z], [0.2, 0.76, 0.07]) for z in (-0.865, 0.865)]
+    back = (0, [13.0, 0.0, 0.0], [0.1, 40.0, 40.0])
+    scan = scan_of([back, *frame])
+    error = scan.distance**2 * np.random.default_rng(1).normal(0.0, 0.0008, len(scan.distance))
+    scan = scan._replace(distance=(scan.distance + error).astype(np.float32))
+    through, support, _ = told(known_of([back, solid], WINDOW), scan)
+    assert through < 20 and through <= support
+
+
 def test_a_rail_beside_which_a_small_error_leads_rays_is_not_gone():
     """It is 2 cm thick, and the sensor was 1.2 cm beside where it is held to be."""
     rail = (1, [3.0, 0.0, 0.0], [0.02, 0.02, 2.0])

@@ -36,6 +36,13 @@ def told(rays, probability, scanned=True):
         pytest.param([[10, 9, 0, 0]], 0.99, OCCLUDED, id="too few rays to tell"),
         pytest.param([[25, 0, 975, 0]], 0.99, OCCLUDED, id="too small a share to tell"),
         pytest.param([[40, 0, 960, 0]], 0.99, REMOVED, id="a share that is enough"),
+        pytest.param(
+            [[12, 14, 0, 5]], 0.8, OCCLUDED, id="few rays, most of which end on it, and the network says gone"
+        ),
+        pytest.param([[30, 14, 0, 5]], 0.8, REMOVED, id="few rays, most of which pass, and the network says gone"),
+        pytest.param(
+            [[120, 140, 0, 5]], 0.8, REMOVED, id="many rays, of which the network says more than their shares"
+        ),
     ],
 )
 def test_what_rays_tell(rays, probability, expected):
