@@ -76,7 +76,7 @@ def _drawn(made: FlatCase) -> Case | None:
         blocks = drawn(scan, place, (0.0, made.flat.height))
     except ValueError:  # no upright face
         return None
-    gone = left_out(blocks)
+    gone = left_out(blocks, scan)
     if not gone:
         return None
     parts = [

@@ -85,7 +85,7 @@ def models(scan: np.ndarray, place: tuple, work: Path, name: str) -> Iterator[Ca
     """A model drawn from points (N, 3) [m]: as it is, with phantoms, and with walls left out."""
     position = np.asarray(place, float)
     blocks, ghosts = drawn(scan, position), phantoms(scan, position)
-    gone = left_out(blocks)
+    gone = left_out(blocks, scan)
     solid = [_solid(block, scan, position) for block in blocks]
     kept = [parts for block, parts in zip(blocks, solid, strict=True) if not any(block is one for one in gone)]
     centres = tuple(one.center for one in gone)

@@ -13,6 +13,8 @@ from warp_scanner.buildings.room_ifc import write_room
 from warp_scanner.scenes.scenes import BOX, CEILING, FLOOR, FURNITURE, PILLAR, WALL, Primitives
 
 CELL, LEVEL = 0.05, 0.15  # [m] of the plan in which upright faces are looked for, and of its levels
+THIN, SPREAD = 0.02, 0.1  # [m] of the levels among which floor and ceiling are looked for, and of places on them
+LEAST_FULL, WITHIN = 0.2, 0.1  # share of the places of the fullest level, and [m] in which one that errs is spread
 LEAST_LEVELS = 0.3  # share of the levels that a cell of a wall fills
 FLAT = 0.03  # [m] from a wall's face up to which points are its own
 GAP, SHORTEST = 0.4, 0.6  # [m] without points, at which a wall ends; and of a wall
@@ -23,6 +25,8 @@ PHANTOMS = (((0.3, 0.3), PILLAR), ((0.8, 0.1), WALL))  # [m]
 LEAST_PASSING = 300  # rays through a phantom, and on a wall that is left out
 THING, LEAST_POINTS = 0.2, 10  # [m] grid of what is no wall, and points that make a thing of it
 BLUR = 0.1  # [m] around a wall, within which points may still be its own
+LEAST_FILLED = 0.8  # share of the levels that a wall fills, if it is left out
+MOST_HELD = 0.5  # share of a wall's points that something else stands as near to, if it is left out
 FREE = 0.15  # [m] around a phantom, without a point
 
 
@@ -42,24 +46,35 @@ def drawn(points: np.ndarray, position: np.ndarray, levels: tuple[float, float] 
     Args:
         points: (N, 3) [m].
         position: (3,) [m] of the sensor; walls are thick away from it.
-        levels: [m] of floor and ceiling, where they are known: a large table may be the fullest level.
+        levels: [m] of floor and ceiling, where they are known: not every scan shows both.
     """
+    position = np.asarray(position, float)
     floor, ceiling = levels or levels_of(points)
     low, high = (np.percentile(points[:, :2], which, axis=0) + way * MARGIN for which, way in ((1, -1), (99, 1)))
     slabs = [
         Block(np.array([*(low + high) / 2, z]), np.array([*(high - low), THICKNESS]), 0.0, kind)
         for z, kind in ((floor - THICKNESS / 2, FLOOR), (ceiling + THICKNESS / 2, CEILING))
     ]
-    walls = _walls(points, np.asarray(position, float), floor, ceiling)
-    return [*slabs, *walls, *_things(points, walls, floor, ceiling)]
+    walls = _walls(points, position, floor, ceiling)
+    return [*slabs, *walls, *_things(points, position, walls, floor, ceiling)]
 
 
 def levels_of(points: np.ndarray) -> tuple[float, float]:
-    """Heights [m] of floor and ceiling: the fullest levels in the lower and in the upper half."""
-    z = points[:, 2]
-    count, edges = np.histogram(z, np.arange(z.min(), z.max() + 0.04, 0.02))
-    middle, half = (edges[:-1] + edges[1:]) / 2, len(count) // 2
-    return float(middle[np.argmax(count[:half])]), float(middle[half + np.argmax(count[half:])])
+    """Heights [m] of floor and ceiling: the outermost levels that spread over as much as the fullest do, or a part.
+
+    Levels count by the places in plan that they fill, not by points, most of which are on what is near the sensor.
+    """
+    level = np.floor((points[:, 2] - points[:, 2].min()) / THIN).astype(int)
+    places = np.unique(np.column_stack([np.floor(points[:, :2] / SPREAD).astype(int), level]), axis=0)
+    count = np.bincount(places[:, 2])
+    middle, half = points[:, 2].min() + (np.arange(len(count)) + 0.5) * THIN, len(count) // 2
+    return float(middle[_outermost(count[:half])]), float(middle[len(count) - 1 - _outermost(count[half:][::-1])])
+
+
+def _outermost(count: np.ndarray) -> int:
+    """The fullest of the first levels that are full, of levels (n,) from the outside in."""
+    first = int(np.argmax(count >= LEAST_FULL * count.max()))
+    return first + int(np.argmax(count[first : first + round(WITHIN / THIN) + 1]))
 
 
 def phantoms(points: np.ndarray, position: np.ndarray) -> list[Block]:
@@ -80,10 +95,24 @@ def phantoms(points: np.ndarray, position: np.ndarray) -> list[Block]:
     return found
 
 
-def left_out(blocks: list[Block], count: int = 2) -> list[Block]:
-    """The shortest walls of those that the scan saw well."""
+def left_out(blocks: list[Block], points: np.ndarray, count: int = 2) -> list[Block]:
+    """The shortest walls that a scan (N, 3) [m] saw well, from floor to ceiling, and in whose place nothing else is."""
     seen = [one for one in blocks if one.semantic == WALL and one.points >= LEAST_PASSING]
-    return sorted(seen, key=lambda one: one.size[0])[:count]
+    upright = [one for one in blocks if one.semantic not in (FLOOR, CEILING)]
+    found: list[Block] = []
+    for wall in sorted(seen, key=lambda one: one.size[0]):
+        own = points[_inside(wall, points, FLAT)]
+        others = [one for one in upright if not any(one is each for each in (wall, *found))]
+        held = np.any([_inside(one, own, BLUR) for one in others], axis=0) if others else np.zeros(len(own), bool)
+        is_held = held.sum() >= MOST_HELD * max(len(own), 1)
+        if len(found) < count and not is_held and _filled(wall, own) >= LEAST_FILLED:
+            found.append(wall)
+    return found
+
+
+def _filled(wall: Block, own: np.ndarray) -> float:
+    """Share of a wall's levels that some of its points (n, 3) are on: the front of a cupboard lacks the highest."""
+    return len(np.unique(np.floor(own[:, 2] / LEVEL))) * LEVEL / wall.size[2]
 
 
 def write_blocks(path: Path, elements: list[list[Block]]) -> dict[int, str]:
@@ -164,8 +193,8 @@ def _walls(points: np.ndarray, position: np.ndarray, floor: float, ceiling: floa
     return found
 
 
-def _things(points: np.ndarray, walls: list[Block], floor: float, ceiling: float) -> list[Block]:
-    """What is neither wall nor slab, as upright boxes on a grid: from its lowest to its highest point."""
+def _things(points: np.ndarray, position: np.ndarray, walls: list[Block], floor: float, ceiling: float) -> list[Block]:
+    """What is neither wall nor slab, as upright boxes on a grid, without what more rays pass than end in."""
     rest = points[(points[:, 2] > floor + THING) & (points[:, 2] < ceiling - THING)]
     for wall in walls:
         rest = rest[~_inside(wall, rest, BLUR)]
@@ -174,29 +203,36 @@ def _things(points: np.ndarray, walls: list[Block], floor: float, ceiling: float
     blocks = []
     for cell in np.flatnonzero(count >= LEAST_POINTS):
         own = rest[which.ravel() == cell]
-        low, high = own.min(0), own.max(0)
-        size = np.maximum(high - low, 0.02)
-        blocks.append(Block((low + high) / 2, size, 0.0, FURNITURE, int(count[cell])))
+        own = own[np.argsort(own[:, 2])]
+        for part in np.split(own, np.flatnonzero(np.diff(own[:, 2]) > THING) + 1):
+            low, high = part.min(0), part.max(0)
+            block = Block((low + high) / 2, np.maximum(high - low, 0.02), 0.0, FURNITURE, len(part))
+            if _passes(block, points, position).sum() <= len(part):
+                blocks.append(block)
     return blocks
 
 
 def _segments(own: np.ndarray, line: tuple, position: np.ndarray, levels: tuple[float, float]) -> list[Block]:
     """The walls along one line: where its points leave no gap."""
     (centre, way), (floor, ceiling) = line, levels
-    normal = np.array([-way[1], way[0]])
-    if (position - centre) @ normal > 0.0:
-        normal = -normal  # away from the sensor
-    on = own[np.abs((own - centre) @ normal) < FLAT]
-    along = np.sort((on - centre) @ way)
-    parts = np.split(along, np.flatnonzero(np.diff(along) > GAP) + 1)
-    return [
-        Block(
-            np.array([*(centre + way * (part[0] + part[-1]) / 2 + normal * THICKNESS / 2), (floor + ceiling) / 2]),
-            np.array([part[-1] - part[0], THICKNESS, ceiling - floor]),
-            float(np.arctan2(way[1], way[0])), WALL, len(part),
-        )
-        for part in parts if part[-1] - part[0] >= SHORTEST
-    ]  # fmt: skip
+    on = own[np.abs((own - centre) @ np.array([-way[1], way[0]])) < FLAT]
+    on = on[np.argsort((on - centre) @ way)]
+    found = []
+    for part in np.split(on, np.flatnonzero(np.diff((on - centre) @ way) > GAP) + 1):
+        if len(part) < 2 or (part[-1] - part[0]) @ way < SHORTEST:
+            continue
+        middle = part.mean(0)  # each part of a line lies as its own points do
+        along = np.linalg.svd(part - middle, full_matrices=False)[2][0]
+        normal = np.array([-along[1], along[0]])
+        middle = middle + normal * np.median((part - middle) @ normal)
+        if (position - middle) @ normal > 0.0:
+            normal = -normal  # away from the sensor
+        reach = (part - middle) @ along
+        middle = middle + along * (reach.min() + reach.max()) / 2 + normal * THICKNESS / 2
+        size = np.array([np.ptp(reach), THICKNESS, ceiling - floor])
+        center = np.array([*middle, (floor + ceiling) / 2])
+        found.append(Block(center, size, float(np.arctan2(along[1], along[0])), WALL, len(part)))
+    return found
 
 
 def _places(position: np.ndarray, footprint: tuple[float, float], semantic: int, levels: tuple[float, float]):
