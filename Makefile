@@ -100,6 +100,7 @@ endif
 ifneq ($(wildcard runs/weights/models.safetensors),)
 	test -e runs/ablation || $(BIN)/python -m benchmarks.ablation runs/weights --out runs/ablation
 endif
+	$(BIN)/python -m benchmarks.ablation --imperfections --out runs/imperfections --rooms 12 --steps 400
 
 # Every benchmark at its smallest size, to see that all still run: five minutes. Exit code 2 says that files are missing.
 bench-smoke: setup-peers

@@ -72,8 +72,8 @@ AT_ONCE = 8  # rooms that are made together: of all at once a scanner's rays fil
 MOST_RANGE = {sensor_named("oak-d-pro-real"): 4.0}  # [m]
 COLUMNS = (
     "view", "views", "refused", "doubted", "moved", "measured", "median error [mm]", "of what stands still [mm]",
-    "held", "median half interval [mm]", "C2M [mm]", "M3C2 [mm]", "moved, told removed or hidden", f"of those that {LEAST_SHOWN} rays meet",
-    "still, told displaced", "false new", "of these furniture", "false removed",
+    "held", "median half interval [mm]", "C2M [mm]", "M3C2 [mm]", "moved, told removed or hidden",
+    f"of those that {LEAST_SHOWN} rays meet", "still, told displaced", "false new", "of these furniture", "false removed",
 )  # fmt: skip
 
 

@@ -42,7 +42,7 @@ def test_walls_that_are_straight_are_told_at_their_unseen_ends(is_turned):
 
 
 def three_moved(seed, rows, alike=False):
-    """A room of which three of four walls moved: model, what a scan shows whose pose fits one of each two, and truth."""
+    """A room of which three of four walls moved: model, what a scan shows whose pose fits one of each two, truth."""
     rng, model = np.random.default_rng(seed), building_of([HALL[row] for row in rows]).triangles
     real, true, both = model, dict.fromkeys(range(2, 6), 0.0), rng.uniform(-0.1, 0.1, 2)
     for row in rng.permutation(range(2, 6))[:3].tolist():
