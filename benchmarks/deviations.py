@@ -73,7 +73,8 @@ MOST_RANGE = {sensor_named("oak-d-pro-real"): 4.0}  # [m]
 COLUMNS = (
     "view", "views", "refused", "doubted", "moved", "measured", "median error [mm]", "of what stands still [mm]",
     "held", "median half interval [mm]", "C2M [mm]", "M3C2 [mm]", "moved, told removed or hidden",
-    f"of those that {LEAST_SHOWN} rays meet", "still, told displaced", "false new", "of these furniture", "false removed",
+    f"of those that {LEAST_SHOWN} rays meet",
+    "still, told displaced", "false new", "of these furniture", "false removed",
 )  # fmt: skip
 
 
