@@ -159,8 +159,8 @@ def of_parts(parts: Sequence[Verdict], change_prior: float) -> Verdict:
     """The verdict of a whole by those of its parts, at least one; points and rays are of all of them together.
 
     It stands off its place if all do that can be told. P(removed) is that of the part which stands most surely: were
-    another as sure, the whole would be no likelier gone. Where no more than half of the parts are told, all of these gone,
-    the rest may stand or not.
+    another as sure, the whole would be no likelier gone. Where no more than half of the parts are told, all of these
+    gone, the rest may stand or not.
     """
     seen = [one for one in parts if one.verdict in (PRESENT, DISPLACED, REMOVED)]
     few = 2 * len(seen) <= len(parts) and all(one.verdict == REMOVED for one in seen)
