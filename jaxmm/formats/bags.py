@@ -28,6 +28,7 @@ METADATA = "metadata.yaml"  # in the folder of a ROS 2 bag
 EXTRA = "needs the extra ros: pip install 'jaxmm[ros]'"
 MOST_POINTS = 100_000_000  # of all messages together: more do not fit into usual memory
 PAUSE = 600.0  # [s] from message to message of a sensor at rest, at most: what it shows may have changed since
+SET = 946_684_800.0  # [s] of the year 2000, since 1970: a clock that tells less counts from a start that nobody knows
 OPTICAL = ("_optical", "_optical_frame")  # ends of the names of such frames (ROS Enhancement Proposal 103)
 
 
@@ -57,7 +58,7 @@ class _Group:
         if cloud.frame != self.frame or (pose is None) != (self.pose is None):
             return False
         clocks = zip((cloud.time, logged), self.times, strict=True)
-        if any(now and last and abs(now - last) > PAUSE for now, last in clocks):  # 0 where nobody set it
+        if any(min(now, last) > SET and abs(now - last) > PAUSE for now, last in clocks):
             return False
         return looks_at_rest(self.first, cloud.points) if pose is None else is_rest(self.pose, pose)
 

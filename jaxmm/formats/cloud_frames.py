@@ -17,9 +17,6 @@ from jaxmm.vectors import directions
 FRAMES = ("world", "sensor", "optical")
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of rows
 AHEAD, WIDE = 0.98, 70.0  # share of a camera's points within an angle [deg] of where it looks
-BENEATH, MOST_BENEATH = 20.0, 5e-4  # [deg] from straight down, where a scanner sees nothing; stray points there
-BY_A_POLE = 2.5  # times as many points as level
-LEAST_SEEN = 5  # points that tell that it looked some way
 UPRIGHT = 30.0  # [deg] from upright, within which the axis is of what looks around
 
 
@@ -88,19 +85,6 @@ def is_before(points: np.ndarray) -> tuple[bool, bool]:
     unit = directions(points)
     before_x, _, before_z = np.mean(unit > np.cos(np.radians(WIDE)), axis=0) >= AHEAD
     return bool(before_x), bool(before_z)
-
-
-def is_around_y(own: np.ndarray) -> bool:
-    """Whether what looks around looked around the y axis of its points (N, 3), and not around the z axis.
-
-    A scanner sees all azimuths. Beneath it it sees nothing, for there it stands, or else its rays are the closest
-    together, as by a pole. Along x and z it has looked both ways. Of what looks one way, as a camera does, nothing is
-    told.
-    """
-    unit, cap = directions(own), np.cos(np.radians(BENEATH))
-    along = [np.sum(sign * unit[:, axis] > cap) for axis in (0, 2) for sign in (1, -1)]
-    beneath, few = np.sum(-unit[:, 1] > cap), MOST_BENEATH * len(own)
-    return bool(min(along) >= max(LEAST_SEEN, few) and (beneath <= few or beneath >= BY_A_POLE * max(along)))
 
 
 def is_optical(own: np.ndarray, rotation: np.ndarray) -> bool:

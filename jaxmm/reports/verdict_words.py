@@ -26,6 +26,9 @@ VERDICT_WORDS: dict[str, str] = {
 # Why an element is occluded, by what became of its rays.
 NOTHING_BACK = "rays went there and brought nothing back"
 IN_FRONT = "other things stood in front"
+PASSES = "rays pass, as through glass or an open door"
+FEW = 60  # rays that tell, below which there are too few
+MOSTLY = 0.8  # share of the rays that tell, from which on they pass
 LEFT_OPEN = "too few rays tell of it, or some pass where others end"
 # Of a place of the model, in the order of evidence.FRACTIONS.
 EVIDENCE_WORDS: dict[str, str] = {
@@ -61,5 +64,5 @@ def why_occluded(rays: Sequence[int]) -> str:
     """Why nobody knows of an element that was in view, by its rays (4,) in the order of evidence.FRACTIONS."""
     through, support, blocked, unseen = rays
     if through + support >= max(blocked, unseen):
-        return LEFT_OPEN
+        return PASSES if through >= FEW and through >= MOSTLY * (through + support) else LEFT_OPEN
     return NOTHING_BACK if unseen > blocked else IN_FRONT

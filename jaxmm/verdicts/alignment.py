@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from jaxmm.formats.cloud_frames import FRAMES, Y_UP_TO_Z_UP, is_around_y, is_before
+from jaxmm.formats.cloud_frames import FRAMES, Y_UP_TO_Z_UP, is_before
 from jaxmm.formats.poses import OPTICAL
 from jaxmm.formats.raw_scans import IN_CACHE
 from jaxmm.formats.units import LEAST_OVERLAP, NEAR, ON, TALLEST, UNITS, Distance, fit_of, height, thinned
@@ -30,10 +30,6 @@ ON_A_MAP, TALL_ROOM = 5000.0, 50.0  # [m] a scan so far away is on a map grid; s
 FAR_FROM_FILE = 0.5  # [m] from which on a given pose contradicts that of the file
 OF_OPTICS = "in an optical frame (x right, y down, z forward)"
 LYING = f"prior and scan lie before the z axis, as {OF_OPTICS}: if so, give --prior-frame optical and --frame optical"
-SIDEWAYS = (
-    "prior and scan both seem to have y up, as the scanner looked around that axis: if so, turn the scan to z up and "
-    "give --up y for the prior"
-)
 ON_GRID = "it lies on the map grid that the prior's IfcMapConversion leads to, and was moved into the prior's own frame"
 CHECK = (
     "check that both are in one frame (--frame, --prior-frame), and their units (--unit, --prior-unit) and axes (--up)"
@@ -112,8 +108,6 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
     notes = (*meant, *notes)
     if prior.optical and _looks_along_z(some, position):
         doubts = (*doubts, LYING)
-    if prior.axes_untold and position is not None and is_around_y(scan.carry(scan.thin * fit.unit) - position):
-        doubts = (*doubts, SIDEWAYS)
     stated = None if scan.stated is None else (grid.back if on_map else np.asarray)(scan.stated * fit.unit)
     if on_map:
         if pose is not None and (scan.source == "file" or _nearer(position, some, grid.back(some))):

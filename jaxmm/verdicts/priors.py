@@ -64,7 +64,6 @@ class Prior(NamedTuple):
     # Position (3,) and rotation (3, 3) [m], of a cloud whose file says a pose, and not whether its points are in the
     # sensor's frame.
     untold: tuple[np.ndarray, np.ndarray] | None = None
-    axes_untold: bool = False  # a mesh or cloud of which neither the user nor its format tells which axis is up
     frameless: bool = False  # a cloud of which neither the user nor its file tells the frame
     optical: bool = False  # then: it may be in that of optics, z forward
     # (E,) bool: in its place something else stands, and lower, as scans show: what ends there is no support.
@@ -98,7 +97,7 @@ def read_prior(path: Path | str | Model, options: ReadOptions = AS_IT_IS) -> Pri
         except (ValueError, ImportError) as error:
             raise InputError(str(error)) from error
         file = PriorFile(path.name, kind, building.unit, building.project, sha256_of(path))
-        return prior_of_building(building)._replace(file=file, axes_untold=_has_untold_axes(path, options))
+        return prior_of_building(building)._replace(file=file)
     read = read_scans(path)
     check_frame(path, read, options.frame)
     scans = [brought_upright(scan, options.frame, bool(options.y_up)) for scan in read]
@@ -115,15 +114,7 @@ def read_prior(path: Path | str | Model, options: ReadOptions = AS_IT_IS) -> Pri
         elif options.y_up is None:
             optical = _may_be_optical(first.points, options.unit)
     file = PriorFile(path.name, kind, options.unit, None, sha256_of(path))
-    axes = _has_untold_axes(path, options)
-    return prior._replace(
-        stray=stray, file=file, untold=untold, axes_untold=axes, frameless=frameless, optical=optical
-    )  # fmt: skip
-
-
-def _has_untold_axes(path: Path, options: ReadOptions) -> bool:
-    """Whether nobody tells which axis is up; IFC has z up, and glTF has y up."""
-    return options.y_up is None and options.frame != "optical" and not is_ifc(path) and path.suffix.lower() not in Y_UP
+    return prior._replace(stray=stray, file=file, untold=untold, frameless=frameless, optical=optical)
 
 
 def _may_be_optical(points: np.ndarray, unit: float) -> bool:

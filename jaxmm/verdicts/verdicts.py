@@ -113,9 +113,7 @@ def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> li
     rays, points = sum(one.rays for one in told), sum(one.points for one in told)
     scanned, seen = (np.any(fields, axis=0) for fields in ([one.scanned for one in told], counts))
     scanned &= rays.any(axis=1)  # a direction may meet what no ray that is known passes by, or tells from another
-    # Of few rays, most of which end on it, the networks alone do not take an element away.
-    tells, _ = _told_and_back(rays)
-    doubtful = (tells < SURELY * settings.least_rays) & (rays[:, SUPPORT] >= rays[:, THROUGH])
+    doubtful = _are_few_and_end_on_it(rays, settings)
     found = []
     for row in range(len(logit)):
         verdict = REMOVED if probability[row] >= settings.threshold else PRESENT
@@ -126,11 +124,19 @@ def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> li
     return found
 
 
+def _are_few_and_end_on_it(rays: np.ndarray, settings: VerdictSettings) -> np.ndarray:
+    """(E,) bool: of few rays (E, 4) that tell, no more pass than end there: networks alone take nothing away then."""
+    tells, _ = _told_and_back(rays)
+    few = (tells >= settings.least_rays) & (tells < SURELY * settings.least_rays)
+    return few & (rays[:, SUPPORT] >= rays[:, THROUGH])
+
+
 def retold(verdicts: list[Verdict], telling: list[Telling], settings: VerdictSettings) -> list[Verdict]:
     """The verdicts, those of some elements by the rays of all scans that nothing else explains.
 
     The networks learnt of walls and columns. Where fewer than the least rays tell, what they say stands, unless rays
-    pass where glass, or a door that is open, lets them through: then nobody knows.
+    pass where glass, or a door that is open, lets them through: then nobody knows. What few rays left open, most of
+    which end on it, they may decide, too.
 
     Args:
         verdicts: of E elements.
@@ -140,15 +146,17 @@ def retold(verdicts: list[Verdict], telling: list[Telling], settings: VerdictSet
     if not telling:
         return verdicts
     found, told = list(verdicts), Telling(*(np.sum(counts, axis=0) for counts in zip(*telling, strict=True)))
+    doubtful = _are_few_and_end_on_it(np.array([one.rays for one in verdicts]), settings)
     for row in np.flatnonzero(sum(told)):
         one, tell = verdicts[row], int(told.through[row] + told.support[row])
         share = (float(told.through[row]) + 0.5) / (tell + 1.0)
         enough, before = tell >= settings.least_rays, one.verdict
-        if before not in (PRESENT, REMOVED) or (not enough and not told.glass[row]):
+        is_open = before in (PRESENT, REMOVED) or (before == OCCLUDED and doubtful[row])
+        if not is_open or (not enough and not told.glass[row]):
             continue
         if enough and share >= LEAST_OF_REMOVED:
             found[row] = one._replace(verdict=REMOVED, probability=max(one.probability, share))
-        elif before == REMOVED and enough and share <= MOST_OF_PRESENT:
+        elif before != PRESENT and enough and share <= MOST_OF_PRESENT:
             found[row] = one._replace(verdict=PRESENT, probability=min(one.probability, share))
         elif before == REMOVED:
             found[row] = one._replace(verdict=OCCLUDED, probability=settings.change_prior)

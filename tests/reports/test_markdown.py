@@ -21,6 +21,7 @@ from jaxmm.reports.verdict_words import (
     NOTHING_BACK,
     OBSERVABLE_WORDS,
     OTHER_TYPE_WORDS,
+    PASSES,
     ROBOT_EVIDENCE_WORDS,
     VERDICT_WORDS,
 )
@@ -54,6 +55,7 @@ class Page(HTMLParser):
         pytest.param((3, 0, 500, 20), IN_FRONT, id="behind a cupboard"),
         pytest.param((700, 600, 20, 0), LEFT_OPEN, id="partly of glass"),
         pytest.param((9, 0, 0, 0), LEFT_OPEN, id="few rays"),
+        pytest.param((1000, 0, 0, 0), PASSES, id="all of glass"),
     ],
 )
 def test_what_is_occluded_says_why(rays, why):

@@ -15,7 +15,7 @@ from tests.cases.box_building import building_of
 from tests.verdicts.test_pose_search import COLUMN, INNER, ROOM, SPINNING, seen, turned
 from tests.verdicts.test_scan_frames import write_pcd
 from warp_scanner.scenes.building import ReadOptions
-from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL, sensor_named
+from warp_scanner.sensors.sensors import OAK_D_PRO_SMALL
 
 PLACE, TURN = np.array([0.3, -0.6, 1.1]), turned(125.0, 4.0, -3.0)
 STILL = GivenPose(np.zeros(3), 0.0, 0.0)
@@ -205,21 +205,3 @@ def test_a_wrong_frame_of_a_prior_is_refused_with_the_one_that_fits(tmp_path):
     with pytest.raises(Misfit, match=r"lie on the prior with --prior-frame sensor$"):
         reading = Reading(ReadOptions(frame="world"))
         detect(tmp_path / "prior.pcd", tmp_path / "scan.npy", place, reading=reading, settings=SETTINGS)
-
-
-@pytest.mark.parametrize("sensor", ["ouster-64", "tls"])
-@pytest.mark.parametrize("suffix", [".npy", ".obj"])
-def test_prior_and_scan_that_both_have_y_up_are_doubted(tmp_path, sensor, suffix):
-    """By the axis that a scanner looked around; with z up, or where somebody tells it, nothing is said."""
-    building = prior_of_building(building_of((*ROOM, *INNER)))
-    own = seen(building, PLACE, turned(125.0, 0.0, 0.0), sensor_named(sensor)) @ turned(125.0, 0.0, 0.0).T + PLACE
-    mesh = trimesh.Trimesh(building.building.triangles.vertices, building.building.triangles.faces, process=False)
-    for turn, y_up, doubts in ((Y_UP, None, 1), (np.eye(3), None, 0), (np.eye(3), False, 0)):
-        path = tmp_path / f"prior{suffix}"
-        if suffix == ".npy":
-            np.save(path, own @ turn)
-        else:
-            trimesh.Trimesh(mesh.vertices @ turn, mesh.faces, process=False).export(path)
-        scan = own_scan(plain(own @ turn), STILL._replace(position=PLACE @ turn), "world")
-        laid = lay(fitting_prior(path, ReadOptions(y_up=y_up), [scan], None), scan, None)
-        assert len(laid.doubts) == doubts and all("both seem to have y up" in doubt for doubt in laid.doubts)

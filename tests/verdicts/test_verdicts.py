@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED, VerdictSettings, told_of, verdicts_of
+from jaxmm.classes.telling_rays import Telling
+from jaxmm.verdicts.verdicts import (
+    OCCLUDED,
+    PRESENT,
+    REMOVED,
+    UNSCANNED,
+    VerdictSettings,
+    retold,
+    told_of,
+    verdicts_of,
+)
 
 PRIOR = VerdictSettings().change_prior
 
@@ -52,6 +62,17 @@ def test_what_rays_tell(rays, probability, expected):
         assert found.probability == PRIOR
     else:
         assert (found.probability > 0.5) == (expected == REMOVED)
+
+
+@pytest.mark.parametrize(
+    ("through", "support", "expected"), [(24, 2, REMOVED), (2, 24, PRESENT), (15, 11, OCCLUDED), (9, 0, OCCLUDED)]
+)
+def test_what_few_rays_leave_open_those_decide_that_nothing_else_explains(through, support, expected):
+    """Of a lining before a wall most rays end where both have a surface: that tells nothing."""
+    before = verdicts_of([told([[20, 30, 0, 5]], 0.8)])
+    telling = Telling(np.array([through]), np.array([support]), np.array([0]))
+    (found,) = retold(before, [telling], VerdictSettings())
+    assert found.verdict == expected and (found.probability >= 0.5) == (expected == REMOVED)
 
 
 def test_the_more_rays_go_through_the_likelier_an_element_is_gone():
