@@ -3,6 +3,7 @@
 World frame of the prior: metres, z up. North is +y of that frame, and east +x.
 """
 
+import itertools
 import math
 import re
 from collections.abc import Iterable
@@ -10,8 +11,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from jaxmm.deviations.deviation import Deviation
-from jaxmm.verdicts.results import ElementVerdict, once
-from jaxmm.verdicts.verdicts import DISPLACED
+from jaxmm.deviations.tolerances import DeviationSettings
+from jaxmm.verdicts.results import Detection, ElementVerdict, once
+from jaxmm.verdicts.verdicts import DISPLACED, PRESENT
 
 INTERVAL_WORDS = (
     "In brackets stands between what the measurement leaves open, in 95 of 100 cases: the errors of the ranges, how "
@@ -27,6 +29,7 @@ NEAR = math.cos(math.radians(22.5))  # of a direction to one that has a word
 LEAST_SECOND = 0.005  # [m] of an offset along the faces that tell less, to be worth words
 FINE = 0.0005  # [m] half an interval, below which a tenth of a millimetre is told
 SMALL = 0.001  # [m] an offset, below which it is, too
+MOST_OPEN = 5  # elements named of which it is open whether they stand in their places
 _PARTS = re.compile(r"[A-Z]+(?![a-z])|[A-Z][a-z]*|[0-9]+")
 _VARIANTS = ("StandardCase", "ElementedCase")  # of the classes of IFC, which are the same things
 
@@ -150,8 +153,33 @@ def place_in_words(one: ElementVerdict) -> str:
     )
 
 
-def summary_of(elements: Iterable[ElementVerdict]) -> str:
-    """How many elements were measured, and how near to their places they stand; nothing where none was."""
+def tolerance_of(detection: Detection) -> float:
+    """The general tolerance [m] that the detection was made with; the default one where it does not say."""
+    told = detection.settings.get("deviations")
+    return float(told["tolerance"] if isinstance(told, dict) else DeviationSettings().tolerance)
+
+
+def _left_open(told: list[ElementVerdict], tolerance: float) -> str:
+    """A sentence on those that may stand off their places, and are not displaced for sure; nothing where there is none.
+
+    Of two walls that face each other a scan may leave open which of them moved.
+    """
+    found = [one for one in told if one.verdict == PRESENT and max(map(abs, span_of(one.deviation))) > tolerance]
+    if not found:
+        return ""
+    spans = ("{} ({} to {})".format(one.name or one.guid, *map(millimetres, span_of(one.deviation))) for one in found)
+    more = f" and {len(found) - MOST_OPEN} more" * (len(found) > MOST_OPEN)
+    return (
+        f" Whether {len(found)} of them {'stands' if len(found) == 1 else 'stand'} within {millimetres(tolerance)} mm "
+        f"is open [mm, 95 %]: {', '.join(itertools.islice(spans, MOST_OPEN))}{more}."
+    )
+
+
+def summary_of(elements: Iterable[ElementVerdict], tolerance: float) -> str:
+    """How many elements were measured, how near to their places they stand, and of which [m] that is open.
+
+    Nothing where none was. Names are as the file has them: whoever shows it must escape it.
+    """
     told, count = measured(elements := tuple(elements)), len(elements)
     off = np.array([one.deviation.most for one in told if math.isfinite(one.deviation.most)])
     if not len(off):
@@ -162,5 +190,5 @@ def summary_of(elements: Iterable[ElementVerdict]) -> str:
     others = f" Of any other {UNMEASURED_WORDS}; or it is gone." if len(told) < count else ""
     return (
         f"{len(told)} of {count} elements {were} measured: half of them {stand} within {half} mm of their places, 95 % "
-        f"within {most} mm.{others}"
+        f"within {most} mm.{_left_open(told, tolerance)}{others}"
     )

@@ -22,6 +22,7 @@ from jaxmm.reports.deviation_words import (
     off_in_words,
     place_in_words,
     summary_of,
+    tolerance_of,
 )
 from jaxmm.reports.verdict_words import (
     ASSUMED,
@@ -39,6 +40,7 @@ from jaxmm.verdicts.results import Detection, ElementVerdict, Mismatch, Pose, Pr
 from jaxmm.verdicts.verdicts import OCCLUDED, PRESENT, REMOVED, UNSCANNED
 
 MOST_DISPLACED = 50  # elements that are told of in full
+NONE_SURELY = "No element surely stands off its place by more than its tolerance."
 MOST_FILES = 4  # of a model in several, that are named
 MOST_THINGS = 30  # of what is not in the model
 GAP = "-"  # shown for what is not known
@@ -59,7 +61,7 @@ def as_markdown(detection: Detection) -> str:
         [f"- **In doubt:** {escaped(doubt)}" for doubt in detection.doubts],
         _sentences(detection),
         _mismatches(detection.mismatches, detection.prior is not None and len(detection.prior.sources) > 1),
-        _displaced(detection.elements),
+        _displaced(detection),
         _unexplained(detection.unexplained),
         _elements(detection.elements),
         _scans(detection.scans),
@@ -225,12 +227,12 @@ def _mismatches(mismatches: Sequence[Mismatch], several: bool) -> list[str]:
     return ["## Mismatches", "", *_table(columns, rows), "", words]
 
 
-def _displaced(elements: tuple[ElementVerdict, ...]) -> list[str]:
+def _displaced(detection: Detection) -> list[str]:
     """What stands off its place, the worst first, and how near the others stand."""
-    lines, found = ["## Displaced", ""], displaced(elements)
-    summary = summary_of(elements)
+    lines, found = ["## Displaced", ""], displaced(detection.elements)
+    summary = escaped(summary_of(detection.elements, tolerance_of(detection)))
     if not found:
-        return [*lines, "No element stands off its place by more than its tolerance.", "", summary] if summary else []
+        return [*lines, NONE_SURELY, "", summary] if summary else []
     lines += [f"{index}. {escaped(place_in_words(one))}" for index, one in enumerate(found[:MOST_DISPLACED], 1)]
     rows = []
     for index, one in enumerate(found[:MOST_DISPLACED], 1):

@@ -6,7 +6,14 @@ from collections.abc import Iterable
 from html import escape
 from typing import Any
 
-from jaxmm.reports.deviation_words import INTERVAL_WORDS, NORTH_WORDS, displaced, place_in_words, summary_of
+from jaxmm.reports.deviation_words import (
+    INTERVAL_WORDS,
+    NORTH_WORDS,
+    displaced,
+    place_in_words,
+    summary_of,
+    tolerance_of,
+)
 from jaxmm.reports.markdown import (
     kind_in_words,
     metres,
@@ -82,7 +89,7 @@ def _displaced(detection: Detection) -> str:
         return ""
     listed = "".join(f"<li>{_text(place_in_words(one))}</li>" for one in found[:MOST_LISTED])
     more = f"<p>and {len(found) - MOST_LISTED} more</p>" if len(found) > MOST_LISTED else ""
-    words = f"{summary_of(detection.elements)} {NORTH_WORDS} {INTERVAL_WORDS}"
+    words = f"{summary_of(detection.elements, tolerance_of(detection))} {NORTH_WORDS} {INTERVAL_WORDS}"
     return f"<p>{len(found)} displaced:</p><ol>{listed}</ol>{more}<p>{_text(words)}</p>"
 
 

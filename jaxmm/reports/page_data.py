@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxmm.deviations.tolerances import DeviationSettings
 from jaxmm.reports.deviation_words import (
     INTERVAL_WORDS,
     NORTH_WORDS,
@@ -20,6 +19,7 @@ from jaxmm.reports.deviation_words import (
     is_off_at_ends,
     off_in_words,
     place_in_words,
+    tolerance_of,
 )
 from jaxmm.reports.markdown import printable
 from jaxmm.reports.offset_arrows import offsets_of
@@ -99,7 +99,7 @@ def page_data(detection: Detection, limits: Limits = LIMITS) -> dict[str, Any]:
         },
         "why": [why_occluded(one.rays) if one.verdict == OCCLUDED else None for one in detection.elements],
         "deviations": [_deviation(one, detection.drawing) for one in detection.elements],
-        "tolerance": _tolerance(detection), "distance_step": DISTANCE_STEP,
+        "tolerance": tolerance_of(detection), "distance_step": DISTANCE_STEP,
         "thinned": _told(drawing, (len(robot), len(prior), len(surface.faces))),
         "has_surface": drawing.vertices is not None,
         **_keys(detection),
@@ -165,12 +165,6 @@ def _arrows(one: ElementVerdict, drawing: Drawing) -> list[list[list[float]]] | 
     if corners is None:
         return None
     return [[place.tolist(), step.tolist()] for place, step in offsets_of(one.deviation, corners)]
-
-
-def _tolerance(detection: Detection) -> float:
-    """The general tolerance [m] that the detection was made with; the default one where it does not say."""
-    told = detection.settings.get("deviations")
-    return float(told["tolerance"] if isinstance(told, dict) else DeviationSettings().tolerance)
 
 
 def as_script(data: dict[str, Any]) -> str:
