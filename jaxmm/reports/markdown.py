@@ -229,14 +229,13 @@ def _mismatches(mismatches: Sequence[Mismatch], several: bool) -> list[str]:
 
 def _displaced(detection: Detection) -> list[str]:
     """What stands off its place, the worst first, and how near the others stand."""
-    lines, found = ["## Displaced", ""], displaced(detection.elements)
+    lines, found, rows = ["## Displaced", ""], displaced(detection.elements), []
     summary = escaped(summary_of(detection.elements, tolerance_of(detection)))
     if not found:
         return [*lines, NONE_SURELY, "", summary] if summary else []
-    lines += [f"{index}. {escaped(place_in_words(one))}" for index, one in enumerate(found[:MOST_DISPLACED], 1)]
-    rows = []
     for index, one in enumerate(found[:MOST_DISPLACED], 1):
         told = one.deviation
+        lines.append(f"{index}. {escaped(place_in_words(one))}")
         rows.append([
             index, _identifier(one.guid), *(escaped(text) or GAP for text in (one.ifc_class, one.name, one.storey)),
             escaped(off_in_words(told)), escaped(number(told.turn, 1)), number(told.lean, 1),
