@@ -129,7 +129,7 @@ def test_what_may_stand_off_its_place_is_named_with_its_interval(removed):
     """Of two walls that face each other a scan may leave open which one moved: neither is displaced."""
     ones = [
         element(deviation(-0.050, half=0.0504), name="east", verdict="present"),
-        element(deviation(0.0, half=0.0505), name="partition", verdict="present"),
+        element(deviation(0.0, half=0.0506), name="partition", verdict="present"),
         element(deviation(0.01), name="in place", verdict="present"),
         element(deviation(0.2), name="told", verdict="displaced"),
     ]
