@@ -52,8 +52,8 @@ THICK, HALF_COLUMN, CLEAR = 0.2, 0.2, 0.5  # [m]
 LEAST_RAYS, SURELY = 500, 0.012  # that end on an element; [m] beyond the tolerance, from which on it must be told
 STATIONS = (3, 13)
 COLUMNS = (
-    "poses", "told", "rooms", "off by more than 42 mm", "of those displaced", "still", "of those displaced", "held",
-    "of what moved", "half interval [mm]: median", "mean",
+    "poses", "told", "rooms", "off by more than 42 mm", "of those displaced", "still", "of those displaced",
+    "given an interval", "held", "of what moved", "half interval [mm]: median", "mean",
 )  # fmt: skip
 
 
@@ -187,8 +187,9 @@ def line(kind: str, name: str, rooms: list[list[dict[str, Any]]]) -> str:
     held = [(one["moved"], abs(one["off"]) <= one["half"]) for one in known]
     cells = (
         kind, name, len(rooms), len(far), share([one["displaced"] for one in far]), len(still),
-        share([one["displaced"] for one in still]), share([is_in for _, is_in in held]),
-        share([is_in for moved, is_in in held if moved]), f"{np.median(half):.1f}", f"{half.mean():.1f}",
+        share([one["displaced"] for one in still]), f"{len(known)} of {len(every)}",
+        share([is_in for _, is_in in held]), share([is_in for moved, is_in in held if moved]),
+        f"{np.median(half):.1f}", f"{half.mean():.1f}",
     )  # fmt: skip
     return "| " + " | ".join(map(str, cells)) + " |"
 

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmm.deviations.element_motion import FIXED, FREE, Seen, told_by_others
-from jaxmm.deviations.fits import Fit
+from jaxmm.deviations.element_motion import FREE, Seen, told_by_others
 from jaxmm.deviations.pose_errors import (
     AS_GOOD,
     MOVED,
@@ -89,6 +88,10 @@ def agreed(shown: list[Faces]) -> list[Faces]:
                 scans[number].candidates[one[number]]._replace(share=float(part), among=mine[0])
                 for one, part in zip([best.chosen, *together], share, strict=True)
             ]
+    for number, (one, own) in enumerate(zip(shown, poses, strict=True)):
+        kept = {best.chosen[number], *(each[number] for each in others)}
+        instead = tuple(pose for place, pose in enumerate(one.poses) if place not in kept)
+        poses[number] = [pose._replace(instead=instead) for pose in own]
     return [with_poses(one, own) for one, own in zip(shown, poses, strict=True)]
 
 
@@ -102,15 +105,9 @@ def with_poses(one: Faces, poses: list[PoseError]) -> Faces:
     change = {}
     for element, seen in own.items():
         fits = [each.fit for each in seen]
-        change[element] = _correction(fits, poses, one.sensor) - told_by_others(fits, one.poses, one.sensor)[0][0]
+        now, before = (told_by_others(fits, each, one.sensor)[0][0] for each in (poses, one.poses))
+        change[element] = now - before
     return one._replace(poses=poses, seen=[each.moved_by(change[each.element], one.sensor) for each in one.seen])
-
-
-def _correction(fits: list[Fit], poses: list[PoseError], sensor: np.ndarray) -> np.ndarray:
-    """(6,) by all faces but those of one element, or with these where they alone hold it: others told that it is so."""
-    correction, spread = told_by_others(fits, poses, sensor)[0]
-    ways = rows_of_all(fits, sensor)[1][:, 0]
-    return poses[0].correction if np.einsum("fi,ij,fj->f", ways, spread, ways).max() > FIXED**2 else correction
 
 
 def _scans(shown: list[Faces]) -> list[_Scan]:

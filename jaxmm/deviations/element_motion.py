@@ -300,13 +300,18 @@ def told_by_others(own: list[Fit], poses: list[PoseError], sensor: np.ndarray) -
     """By each pose that a scan may have: what all faces but those of one element tell of it.
 
     Of two walls of which one moved, each pose has one in its place, and no witness of that one but itself: it is
-    believed where the other pose tells what it is if not.
+    believed where the other pose tells what it is if not, also if other scans ruled that pose out.
     """
     found = [one.without(own, sensor) for one in poses]
-    if len(found) > 1:
+    instead = poses[0].instead
+    if len(found) + len(instead) > 1:
         arms = np.stack([rows_of(fit, sensor)[1][0] for fit in own])
-        is_open = [np.einsum("fi,ij,fj->f", arms, spread, arms).max() > FIXED**2 for _, spread in found]
-        if not all(is_open):
-            for number in np.flatnonzero(is_open):
+
+        def is_open(spread: np.ndarray) -> bool:
+            return bool(np.einsum("fi,ij,fj->f", arms, spread, arms).max() > FIXED**2)
+
+        bare = [number for number, (_, spread) in enumerate(found) if is_open(spread)]
+        if len(bare) < len(found) or any(not is_open(one.without(own, sensor)[1]) for one in instead if bare):
+            for number in bare:
                 found[number] = poses[number].without([], sensor)
     return found

@@ -48,6 +48,7 @@ class PoseError(NamedTuple):
     share: float = 1.0  # how likely it is, of all that may be
     voted: bool = True  # whether the faces that one asks about had a vote
     among: int = -1  # scans of one number have the poses at one place of their lists at once; -1: none goes with it
+    instead: tuple["PoseError", ...] = ()  # poses of its scan that are as likely by it alone, and others ruled out
 
     @property
     def correction(self) -> np.ndarray:

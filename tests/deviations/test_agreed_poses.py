@@ -39,8 +39,11 @@ def told(faces):
 @pytest.mark.parametrize("count", [1, 3])
 def test_who_sees_but_two_walls_does_not_hide_that_one_of_them_moved(wrong, count):
     """Those that see more tell which: neither the wall that moved nor the other is left open."""
-    one = told(shown([*BEFORE[:count], BEYOND], wrong))[FREE]
+    found = told(shown([*BEFORE[:count], BEYOND], wrong))
+    one, low_high = found[FREE], found[EAST].interval[0]
     assert one.offset[0] == pytest.approx(BY, abs=3e-3) and one.half < 0.01 and one.surely > 0.045
+    assert found[EAST].scans == (count,) and low_high is not None
+    assert -0.01 < low_high[0] <= 0.0 <= low_high[1] < 0.01 and found[EAST].coverage > 0.15
 
 
 def test_the_order_of_scans_changes_nothing():
@@ -71,8 +74,8 @@ def test_a_scan_by_itself_is_told_as_ever():
 def test_surfaces_are_off_by_the_pose_that_scans_agree_on():
     """What a face is off is the same, whether its scan knew its pose or others told it."""
     found = agreed(shown([*BEFORE, BEYOND], -0.03))[-1]
-    for one in found.seen:
-        if one.element == FREE:
-            assert np.median(one.off[0]) == pytest.approx(BY, abs=4e-3)
-        elif one.fit.first and len(one.cell):
-            assert np.median(np.abs(one.off[0])) < 4e-3
+    faces = [one for one in found.seen if one.fit.first and len(one.cell)]
+    assert {FREE, EAST} < {one.element for one in faces}
+    for one in faces:
+        off = float(np.median(one.off[0]))
+        assert off == pytest.approx(BY if one.element == FREE else 0.0, abs=4e-3)
