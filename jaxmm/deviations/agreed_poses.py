@@ -28,6 +28,7 @@ from jaxmm.deviations.pose_errors import (
 from jaxmm.deviations.seen_surfaces import Faces
 
 ROUNDS = 8
+MOST_STARTS = 128  # poses that are tried against what the others of all scans make of them, the likeliest
 MAY_BE_OFF = 3.0  # standard deviations, from which on it is asked whether an element moved
 
 
@@ -35,9 +36,9 @@ class _Scan(NamedTuple):
     """What the faces of one scan say by each pose that it may have."""
 
     candidates: list[PoseError]
-    cost: np.ndarray  # (A,) of each pose, its own faces in the model
-    off: np.ndarray  # (A, G, 3) [m] levels and slopes by it
-    variance: np.ndarray  # (A, G, 3) of these, and of the pose
+    cost: np.ndarray  # (A,) of each pose, its own faces in the model: negative log likelihood, as every cost here
+    off: np.ndarray  # (A, G, 3) [m, rad, rad] levels and slopes by it
+    variance: np.ndarray  # (A, G, 3) [m2, rad2, rad2] of these, and of the pose
     alone: np.ndarray  # (A, G) what each face costs in `cost`
     rows: np.ndarray  # (G, 3, 6) how they change with a motion of their element
     element: np.ndarray  # (G,) int
@@ -46,9 +47,13 @@ class _Scan(NamedTuple):
 class _Moved(NamedTuple):
     """An element that all scans have elsewhere."""
 
-    step: np.ndarray  # (6,)
-    covariance: np.ndarray  # (6, 6)
+    step: np.ndarray  # (6,) [m, rad] shift and turn about the middle of its faces
+    covariance: np.ndarray  # (6, 6) [m, rad, squared]
     cost: float  # of its having moved
+
+
+# An element, the scans that show it with a pose of each, and whether that is one scan by itself.
+_Key = tuple[int, tuple[tuple[int, int], ...], bool]
 
 
 class _Answer(NamedTuple):
@@ -66,11 +71,11 @@ def agreed(shown: list[Faces]) -> list[Faces]:
     if len(shown) < 2 or not any(len(one.poses) + len(one.unlikely) > 1 for one in shown):
         return shown
     scans = _scans(shown)
-    found = [_descent(scans, None, _moved(scans, dict.fromkeys(range(len(scans)), 0)))]
-    for number, one in enumerate(shown):
-        for pose in range(len(one.poses)) if len(one.poses) > 1 else ():
-            # As this scan by itself has it by this pose: what the others make of it is seen then.
-            found.append(_descent(scans, (number, pose), _moved(scans, {number: pose})))
+    known = _Known(scans)
+    found = [_descent(known, None, known.moved(dict.fromkeys(range(len(scans)), 0)))]
+    for number, pose in _starts(shown):
+        # As this scan by itself has it by this pose: what the others make of it is seen then.
+        found.append(_descent(known, (number, pose), known.moved({number: pose})))
     found.sort()
     best = found[0]
     others: dict[tuple[int, ...], float] = {}
@@ -132,76 +137,130 @@ def _scans(shown: list[Faces]) -> list[_Scan]:
     return found
 
 
-def _descent(scans: list[_Scan], kept: tuple[int, int] | None, moved: dict[int, _Moved]) -> _Answer:
+def _starts(shown: list[Faces]) -> list[tuple[int, int]]:
+    """Scans, and poses of those that may have several, to begin from.
+
+    Of too many those are left out that are least likely by their scans, and first the likeliest of each scan: from
+    these all begin. What is not begun from is not told to be open.
+    """
+    every = [(number, pose) for number, one in enumerate(shown) if len(one.poses) > 1 for pose in range(len(one.poses))]
+    if len(every) <= MOST_STARTS:
+        return every
+    weight = np.array([shown[number].poses[pose].share + (pose > 0) for number, pose in every])
+    # By how likely they are, and no other order: that of the scans must not matter.
+    return [one for one, likely in zip(every, weight >= np.sort(weight)[-MOST_STARTS], strict=True) if likely]
+
+
+class _Known:
+    """What was worked out: how an element moved by poses of the scans that show it, and what that costs each scan.
+
+    Answers that are tried differ in few poses; of elements that only other scans show, all is known then.
+    """
+
+    def __init__(self, scans: list[_Scan]):
+        self._scans = scans
+        self._faces: list[dict[int, np.ndarray]] = []  # of each scan, by element: numbers (F,) of its faces
+        self._off: list[list[set[int]]] = []  # of each scan, by pose: elements that may be off
+        self._by: dict[int, list[int]] = {}  # element -> scans that show it
+        for number, one in enumerate(scans):
+            own = {element: np.flatnonzero(one.element == element) for element in np.unique(one.element).tolist()}
+            square = (np.square(one.off) / one.variance).max(axis=2)
+            self._faces.append(own)
+            self._off.append([set(one.element[far].tolist()) for far in square > MAY_BE_OFF**2])
+            for element in own:
+                self._by.setdefault(element, []).append(number)
+        self._moved: dict[_Key, _Moved | None] = {}
+        self._changes: dict[tuple[int, _Key], np.ndarray] = {}
+        self._answers: dict[tuple[int, ...], tuple[_Answer, list[np.ndarray]]] = {}
+
+    def moved(self, chosen: dict[int, int]) -> dict[int, _Key]:
+        """The elements that moved by some scans, with a pose of each; by one scan, those that may have."""
+        found = {}
+        for element in sorted(set().union(*(self._off[one][pose] for one, pose in chosen.items()))):
+            key = element, tuple((one, chosen[one]) for one in self._by[element] if one in chosen), len(chosen) == 1
+            if key not in self._moved:
+                self._moved[key] = self._motion(*key)
+            if self._moved[key] is not None:
+                found[element] = key
+        return found
+
+    def answer(self, chosen: tuple[int, ...]) -> tuple[_Answer, list[np.ndarray]]:
+        """What poses (S,) of all scans cost, and the `costs` of all by what then moved."""
+        if chosen not in self._answers:
+            moved = self.moved(dict(enumerate(chosen)))
+            costs = self.costs(moved)
+            total = sum(float(one[pose]) for one, pose in zip(costs, chosen, strict=True))
+            total += sum(there.cost for key in moved.values() if (there := self._moved[key]) is not None)
+            self._answers[chosen] = _Answer(total, chosen), costs
+        return self._answers[chosen]
+
+    def costs(self, moved: dict[int, _Key]) -> list[np.ndarray]:
+        """Of each scan (A,) what its poses cost, if some elements moved."""
+        found = []
+        for number, (scan, own) in enumerate(zip(self._scans, self._faces, strict=True)):
+            changes = [self._change(number, moved[element]) for element in own if element in moved]
+            found.append(scan.cost + np.sum(changes, axis=0) if changes else scan.cost)
+        return found
+
+    def _change(self, number: int, key: _Key) -> np.ndarray:
+        """(A,) what it changes of a scan's poses that one element moved."""
+        if (number, key) not in self._changes:
+            scan, mine, there = self._scans[number], self._faces[number][key[0]], self._moved[key]
+            left = _left(scan.off[:, mine], scan.variance[:, mine], scan.rows[mine], there)
+            self._changes[number, key] = (left - scan.alone[:, mine]).sum(axis=1)
+        return self._changes[number, key]
+
+    def _motion(self, element: int, chosen: tuple[tuple[int, int], ...], is_alone: bool) -> _Moved | None:
+        faces = [(one, pose, self._faces[one][element]) for one, pose in chosen]
+        off = np.concatenate([self._scans[one].off[pose, mine] for one, pose, mine in faces])
+        variance = np.concatenate([self._scans[one].variance[pose, mine] for one, pose, mine in faces])
+        rows = np.concatenate([self._scans[one].rows[mine] for one, _, mine in faces])
+        there = _motion(off, variance, rows, np.concatenate([np.full(len(mine), one) for one, _, mine in faces]))
+        cost = there.cost + float(_left(off, variance, rows, there).sum())
+        square = (np.square(off) / variance).max(axis=1)
+        return there if is_alone or cost < float(surprise(square).sum()) else None
+
+
+def _descent(known: _Known, kept: tuple[int, int] | None, moved: dict[int, _Key]) -> _Answer:
     """The likeliest poses by what moved, and what moved by these, in turns; of one scan the pose may be kept."""
-    best = _Answer(np.inf, ())
+    best, costs = _Answer(np.inf, ()), known.costs(moved)
     for _ in range(ROUNDS):
-        costs = [_costs(one, moved) for one in scans]
         chosen = [int(np.argmin(one)) for one in costs]
         if kept is not None:
             chosen[kept[0]] = kept[1]
-        moved = _moved(scans, dict(enumerate(chosen)))
-        total = sum(float(_costs(one, moved)[pose]) for one, pose in zip(scans, chosen, strict=True))
-        now = _Answer(total + sum(one.cost for one in moved.values()), tuple(chosen))
+        now, costs = known.answer(tuple(chosen))
         if now.cost >= best.cost - 1e-9:
             break
         best = now
     return best
 
 
-def _costs(scan: _Scan, moved: dict[int, _Moved]) -> np.ndarray:
-    """(A,) of each pose of one scan, if some elements moved."""
-    cost = scan.cost
-    for element in sorted(set(scan.element.tolist()) & moved.keys()):
-        mine = scan.element == element
-        there = _left(scan.off[:, mine], scan.variance[:, mine], scan.rows[mine], moved[element])
-        cost = cost + (there - scan.alone[:, mine]).sum(axis=1)
-    return cost
-
-
 def _left(off: np.ndarray, variance: np.ndarray, rows: np.ndarray, moved: _Moved) -> np.ndarray:
     """(..., F) what faces (..., F, 3) cost where their element moved."""
-    spread = np.einsum("gij,jk,gik->gi", rows, moved.covariance, rows)
+    spread = ((rows @ moved.covariance) * rows).sum(axis=-1)
     return surprise((np.square(off - rows @ moved.step) / (variance + spread)).max(axis=-1))
-
-
-def _moved(scans: list[_Scan], chosen: dict[int, int]) -> dict[int, _Moved]:
-    """The elements that moved by some scans, with a pose of each; by one scan, those that may have."""
-    off = np.concatenate([scans[one].off[pose] for one, pose in chosen.items()])
-    variance = np.concatenate([scans[one].variance[pose] for one, pose in chosen.items()])
-    rows = np.concatenate([scans[one].rows for one in chosen])
-    element = np.concatenate([scans[one].element for one in chosen])
-    scan = np.concatenate([np.full(len(scans[one].element), one) for one in chosen])
-    square = (np.square(off) / variance).max(axis=1, initial=0.0)
-    found = {}
-    for one in np.unique(element[square > MAY_BE_OFF**2]).tolist():
-        mine = element == one
-        there = _motion(off[mine], variance[mine], rows[mine], scan[mine])
-        cost = there.cost + float(_left(off[mine], variance[mine], rows[mine], there).sum())
-        if len(chosen) == 1 or cost < float(surprise(square[mine]).sum()):
-            found[one] = there
-    return found
 
 
 def _motion(off: np.ndarray, variance: np.ndarray, rows: np.ndarray, scan: np.ndarray) -> _Moved:
     """How one element moved, by what most of its faces (F, 3) in some scans (F,) agree on."""
-    best, least = None, np.inf
-    for one in np.unique(scan).tolist():
-        there = _least_squares(off, variance, rows, (scan == one).astype(np.float64))
-        cost = float(_left(off, variance, rows, there).sum())
-        if cost < least:
-            best, least = there, cost
-    votes = votes_of((np.square(off - rows @ best.step) / variance).max(axis=1))
-    return _least_squares(off, variance, rows, votes)
-
-
-def _least_squares(off: np.ndarray, variance: np.ndarray, rows: np.ndarray, votes: np.ndarray) -> _Moved:
-    weight = votes[:, None] / variance
-    spread = np.linalg.inv(np.einsum("gi,gij,gik->jk", weight, rows, rows) + np.diag(1.0 / np.square(FREE)))
-    step = spread @ np.einsum("gi,gij,gi->j", weight, rows, off)
+    scaled = rows / variance[..., None]
+    info, right = scaled.swapaxes(1, 2) @ rows, (scaled.swapaxes(1, 2) @ off[..., None])[..., 0]
+    steps, spreads = _least_squares((np.unique(scan)[:, None] == scan).astype(np.float64), info, right)
+    wide = variance + np.einsum("gij,sjk,gik->sgi", rows, spreads, rows, optimize=True)
+    apart = np.square(off - np.einsum("gij,sj->sgi", rows, steps))
+    best = steps[np.argmin(surprise((apart / wide).max(axis=2)).sum(axis=1))]
+    votes = votes_of((np.square(off - rows @ best) / variance).max(axis=1))
+    steps, spreads = _least_squares(votes[None], info, right)
     # As of one face that moved: by millimetres or by decimetres, one as likely as the other.
     far = np.sqrt((np.square(off) / variance * (votes[:, None] > 0.5)).max(initial=1.0))
-    return _Moved(step, spread, float(np.log(2.0 * SIZES * far / MOVED)))
+    return _Moved(steps[0], spreads[0], float(np.log(2.0 * SIZES * far / MOVED)))
+
+
+def _least_squares(votes: np.ndarray, info: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Motions (S, 6) and their covariances (S, 6, 6), by votes (S, F) of faces with normal equations of each."""
+    told = (votes @ info.reshape(len(info), 36)).reshape(-1, 6, 6)
+    spread = np.linalg.inv(told + np.diag(1.0 / np.square(FREE)))
+    return (spread @ (votes @ right)[..., None])[..., 0], spread
 
 
 def _clusters(best: tuple[int, ...], others: list[tuple[int, ...]]) -> list[list[tuple[int, ...]]]:

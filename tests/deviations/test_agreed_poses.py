@@ -46,7 +46,10 @@ def test_who_sees_but_two_walls_does_not_hide_that_one_of_them_moved(wrong, coun
     assert -0.01 < low_high[0] <= 0.0 <= low_high[1] < 0.01 and found[EAST].coverage > 0.15
 
 
-def test_the_order_of_scans_changes_nothing():
+@pytest.mark.parametrize("starts", [1, 3, 128])
+def test_the_order_of_scans_changes_nothing(starts, monkeypatch):
+    """Also where only some of the poses that may be are begun from."""
+    monkeypatch.setattr("jaxmm.deviations.agreed_poses.MOST_STARTS", starts)
     faces = shown([*BEFORE, BEYOND, FARTHER], -0.03)
     found, other = told(faces), told(faces[::-1])
     assert found.keys() == other.keys()
