@@ -152,7 +152,7 @@ def _starts(shown: list[Faces]) -> list[tuple[int, int]]:
 
 
 class _Known:
-    """What was worked out: how an element moved by poses of the scans that show it, and what that costs each scan.
+    """What was worked out: how an element moved by the poses of the scans that show it, and what that costs each scan.
 
     Answers that are tried differ in few poses; of elements that only other scans show, all is known then.
     """
