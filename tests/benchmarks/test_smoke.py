@@ -69,10 +69,16 @@ def test_a_smoke_run_ends_well_and_tells_finite_and_whole_numbers(name, tmp_path
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() or " left out: " in done.stderr
     assert not re.search(r"\b(nan|inf|None)\b", done.stdout), done.stdout
-    files = [out] if out.suffix else sorted(out.rglob("*.json"))
-    assert files
-    for path in files:
-        found = json.loads(path.read_text(encoding="utf-8"))
+    files = [out] if out.suffix else [*sorted(out.rglob("*.json")), *sorted(out.rglob("*.jsonl"))]
+    texts = [(path, path.read_text(encoding="utf-8")) for path in files]
+    assert any(text.strip() for _, text in texts)
+    told = [
+        (path, each)
+        for path, text in texts
+        for each in (filter(None, text.split("\n")) if path.suffix == ".jsonl" else [text])
+    ]
+    for path, each in told:
+        found = json.loads(each)
         assert all(map(math.isfinite, numbers_of(found))), path
     if WRITES[name] == JSON:
         check_rows(name, found, done.stderr)

@@ -245,7 +245,7 @@ def test_a_given_pose_that_the_file_contradicts_is_doubted(room):
     for off in (0.0, 0.8):
         pose = parse_pose(",".join(map(str, (x + off, y, *rest))))
         doubts = detect(case.ifc, folder / "a" / "scan.npz", [pose], settings=BELIEVED).doubts
-        assert any("its pose as given is 0.8 m from the one in its file" in one for one in doubts) == bool(off)
+        assert any("its pose as given is 0.80 m from the one in its file" in one for one in doubts) == bool(off)
 
 
 @pytest.mark.long
