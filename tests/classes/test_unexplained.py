@@ -25,6 +25,21 @@ def test_a_box_comes_back_however_it_is_turned(yaw):
     assert -90.0 <= found.rotation < 90.0 and found.points > 100
 
 
+@pytest.mark.parametrize("yaw", [0.0, 20.0, 63.0, -45.0])
+@pytest.mark.parametrize("size", [(1.2, 0.6), (1.2, 0.4), (2.0, 0.6)])
+def test_of_two_faces_that_are_seen_the_box_lies_along_them(size, yaw):
+    """The smallest box around them stands askew, on their ends."""
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        faces = box_points([0, 0, 0], [*size, 1.8], 0.0)
+        faces = faces[(faces[:, 0] > size[0] / 2 - 1e-6) | (faces[:, 1] > size[1] / 2 - 1e-6)]
+        c, s = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
+        faces = (faces + rng.normal(0.0, 0.006, faces.shape)) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        (found,) = unexplained_things(faces + rng.uniform(-1.0, 1.0, 3), UnexplainedSettings())
+        assert abs((found.rotation - yaw + 45.0) % 90.0 - 45.0) < 8.0
+        assert np.allclose(np.sort(found.dimensions[:2]), np.sort(size), atol=0.16)
+
+
 def test_things_apart_are_told_apart_the_larger_first():
     small, large = box_points([0, 0, 0], [0.5, 0.5, 0.5], 0), box_points([2, 0, 0], [1, 1, 1], 30)
     found = unexplained_things(np.concatenate([small, large]), UnexplainedSettings())
