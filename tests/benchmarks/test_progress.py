@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.progress import _can_be_told as can_be_told
 from benchmarks.progress import table
-from jaxmm.files import write_json
+from benchmarks.views.kept_views import KeptViews
 from jaxmm.verdicts.behind_removed import filling
 from jaxmm.verdicts.priors import prior_of_building
 from tests.cases.box_building import building_of
@@ -45,9 +45,12 @@ def test_a_door_is_gone_with_its_wall():
 def test_right_open_and_wrong_are_counted_by_look(tmp_path):
     told = [("removed", "unscanned", "removed"), ("present", "present", "present"), ("removed", "present", "present")]
     views = [{"told": told, "new": 0}, {"told": [("present", "occluded", "removed")], "new": 2}]
-    write_json(tmp_path / "house_ouster-64_3.json", {"views": views})
-    write_json(tmp_path / "house_ouster-64_4.json", {"views": views})  # of another seed
-    write_json(tmp_path / "shed_ouster-64_3.json", {"views": [{"refused": "why", "told": [], "new": 0}]})
+    refused = {"refused": "why", "told": [], "new": 0}
+    files = (("house_ouster-64_3", views), ("house_ouster-64_4", views), ("shed_ouster-64_3", [refused]))
+    for name, of_file in files:  # the second is of another seed
+        kept = KeptViews(tmp_path / f"{name}.jsonl")
+        for number, one in enumerate(of_file):
+            kept.add((number,), one)
     *_, one, every = table(tmp_path, 3).splitlines()
     assert one == "| ouster-64 | 3 | 1 | one look | 4 | 0.250 (1/4) | 0.500 (2/4) | 1 | 0 | - |"
     assert every == "| ouster-64 | 3 | 1 | all looks | 4 | 0.500 (2/4) | 0.000 (0/4) | 1 | 1 | 2 |"
