@@ -210,40 +210,10 @@ def _solved(
     sensors: list[np.ndarray],
     middle: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, dict[int, np.ndarray]]:
-    """The motion (6,), its covariance, and of each scan how it changes with that scan's correction (6, 6)."""
-    told, right = np.diag(1.0 / np.square(FREE)), np.zeros(6)
-    scans = sorted({one.scan for one in seen})
-    if len(scans) > 1:
-        return _solved_together(seen, loose, poses, sensors, middle)
-    arms_of: dict[int, np.ndarray] = {}
-    for scan in scans:
-        pose, sensor, correction, how = poses[scan][0], sensors[scan], loose[scan][0][0], np.zeros((6, 6))
-        for fit in (one.fit for one in seen if one.scan == scan):
-            off, arms = rows_of(fit, sensor)
-            # A body that moves by a step moves its face as far toward the sensor.
-            rows = rows_of(fit, middle)[1]
-            sigma = scatter(fit, pose.place, pose.tilt)
-            scaled = rows / sigma[:, None]
-            told += scaled.T @ scaled
-            right += scaled.T @ ((off + arms @ correction) / sigma)
-            how += scaled.T @ (arms / sigma[:, None])
-        arms_of[scan] = how
-    own = np.linalg.inv(told)
-    gains = {scan: own @ how for scan, how in arms_of.items()}
-    spread = own.copy()
-    for scan, gain in gains.items():
-        spread += gain @ loose[scan][0][1] @ gain.T
-    return own @ right, spread, gains
+    """The motion (6,), its covariance, and of each scan how it changes with that scan's correction (6, 6).
 
-
-def _solved_together(
-    seen: list[Seen],
-    loose: dict[int, list[Loose]],
-    poses: list[list[PoseError]],
-    sensors: list[np.ndarray],
-    middle: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, dict[int, np.ndarray]]:
-    """The same by several scans: each has the less to say, the less its pose is known (generalised least squares)."""
+    Of several scans each has the less to say, the less its pose is known (generalised least squares).
+    """
     told, right = np.diag(1.0 / np.square(FREE)), np.zeros(6)
     scans = sorted({one.scan for one in seen})
     # What a surface does to a sensor's ranges it does in every scan: it does not average out.
@@ -251,16 +221,23 @@ def _solved_together(
     for scan in scans:
         pose, sensor, (correction, spread) = poses[scan][0], sensors[scan], loose[scan][0]
         fits = [one.fit for one in seen if one.scan == scan]
-        off, arms = rows_of_all(fits, sensor)
-        rows = rows_of_all(fits, middle)[1].reshape(-1, 6)
+        # A body that moves by a step moves its face as far toward the sensor.
+        (off, arms), rows = rows_of_all(fits, sensor), rows_of_all(fits, middle)[1].reshape(-1, 6)
         arms, off = arms.reshape(-1, 6), off.ravel()
         sigma = np.concatenate([scatter(fit, pose.place * root, pose.tilt * root) for fit in fits])
-        weighted = rows.T @ np.linalg.inv(np.diag(np.square(sigma)) + arms @ spread @ arms.T)
+        if len(scans) == 1:
+            weighted = rows.T / np.square(sigma)
+        else:
+            weighted = rows.T @ np.linalg.inv(np.diag(np.square(sigma)) + arms @ spread @ arms.T)
         told += weighted @ rows
         right += weighted @ (off + arms @ correction)
         how[scan] = weighted @ arms
     own = np.linalg.inv(told)
-    return own @ right, own, {scan: own @ one for scan, one in how.items()}
+    gains = {scan: own @ one for scan, one in how.items()}
+    spread = own.copy()
+    if len(scans) == 1:  # of several it is in what each has to say
+        spread += gains[scans[0]] @ loose[scans[0]][0][1] @ gains[scans[0]].T
+    return own @ right, spread, gains
 
 
 def left_of(
