@@ -128,7 +128,7 @@ def detect_stations(prior: Prior, stations: Stations, settings: DetectSettings) 
         stations.each(anew_station, prior)
     told = [None if one is None else one.sure for one in says]
     watch.lap("evidence")
-    found = _verdicts(told, stands, settings, []) if prior.has_elements else None
+    found = _by_networks(told, stands, settings) if prior.has_elements else None
     telling = telling_of(
         prior, found, settings, lambda others, gone: stations.each(telling_station, prior, others, gone)
     )
@@ -192,11 +192,10 @@ def _as_built(prior: Prior, stations: Stations, faces: list[Faces], settings: De
     return as_built(prior, faces, beside, lambda there, rows: stations.each(moved_station, there, rows), settings)
 
 
-def _verdicts(told: list[Told], stands: AsBuilt, settings: DetectSettings, telling: list[Telling]) -> list[Verdict]:
-    """Of each element, by all that scans tell."""
+def _by_networks(told: list[Told], stands: AsBuilt, settings: DetectSettings) -> list[Verdict]:
+    """Of each element, by all that scans tell but what nothing else explains."""
     found = pieces_together(stands.prior.building, verdicts_of(told, settings.verdicts), settings.verdicts)
-    found = with_displaced(found, stands, settings.verdicts.least_rays)
-    return retold(found, telling, settings.verdicts)
+    return with_displaced(found, stands, settings.verdicts.least_rays)
 
 
 def _of_classes(prior: Prior, verdicts: list[Verdict] | None, settings: DetectSettings) -> list[Verdict] | None:
@@ -298,7 +297,8 @@ def _records(
         changed = dict.fromkeys(VERDICTS, 0)
         if prior.has_elements:
             count = number + 1
-            by_these = _verdicts(says[:count], stands.by(count), settings, telling[:count])
+            by_these = _by_networks(says[:count], stands.by(count), settings)
+            by_these = retold(by_these, telling[:count], settings.verdicts)
             now = np.array([found.verdict for found in by_these])[wanted]
             new = now[now != before]
             changed |= {name: int(np.sum(new == name)) for name in VERDICTS}

@@ -113,54 +113,49 @@ def verdicts_of(told: list[Told], settings: VerdictSettings | None = None) -> li
     rays, points = sum(one.rays for one in told), sum(one.points for one in told)
     scanned, seen = (np.any(fields, axis=0) for fields in ([one.scanned for one in told], counts))
     scanned &= rays.any(axis=1)  # a direction may meet what no ray that is known passes by, or tells from another
-    doubtful = _are_few_and_end_on_it(rays, settings)
     found = []
     for row in range(len(logit)):
         verdict = REMOVED if probability[row] >= settings.threshold else PRESENT
-        if not seen[row] or (verdict == REMOVED and doubtful[row]):
+        if not seen[row]:
             verdict = OCCLUDED if scanned[row] else UNSCANNED
-        known = float(probability[row]) if verdict in (PRESENT, REMOVED) else settings.change_prior
+        known = float(probability[row]) if seen[row] else settings.change_prior
         found.append(Verdict(verdict, known, int(points[row]), tuple(int(value) for value in rays[row])))
     return found
-
-
-def _are_few_and_end_on_it(rays: np.ndarray, settings: VerdictSettings) -> np.ndarray:
-    """(E,) bool: of few rays (E, 4) that tell, no more pass than end there: networks alone take nothing away then."""
-    tells, _ = _told_and_back(rays)
-    few = (tells >= settings.least_rays) & (tells < SURELY * settings.least_rays)
-    return few & (rays[:, SUPPORT] >= rays[:, THROUGH])
 
 
 def retold(verdicts: list[Verdict], telling: list[Telling], settings: VerdictSettings) -> list[Verdict]:
     """The verdicts, those of some elements by the rays of all scans that nothing else explains.
 
     The networks learnt of walls and columns. Where fewer than the least rays tell, what they say stands, unless rays
-    pass where glass, or a door that is open, lets them through: then nobody knows. What few rays left open, most of
-    which end on it, they may decide, too.
+    pass where glass, or a door that is open, lets them through: then nobody knows. Nor do they alone take anything
+    away where of few rays no more pass than end on it.
 
     Args:
         verdicts: of E elements.
-        telling: of each scan; without any, or of elements of whom nothing is told, the verdicts stay.
+        telling: of each scan; without any, or of elements of whom nothing is told, the networks alone say.
         settings: when an element counts as what.
     """
-    if not telling:
-        return verdicts
-    found, told = list(verdicts), Telling(*(np.sum(counts, axis=0) for counts in zip(*telling, strict=True)))
-    doubtful = _are_few_and_end_on_it(np.array([one.rays for one in verdicts]), settings)
-    for row in np.flatnonzero(sum(told)):
-        one, tell = verdicts[row], int(told.through[row] + told.support[row])
-        share = (float(told.through[row]) + 0.5) / (tell + 1.0)
-        enough, before = tell >= settings.least_rays, one.verdict
-        is_open = before in (PRESENT, REMOVED) or (before == OCCLUDED and doubtful[row])
-        if not is_open or (not enough and not told.glass[row]):
+    none = Telling(*np.zeros((3, len(verdicts)), int))
+    found, told = list(verdicts), Telling(*(np.sum(counts, axis=0) for counts in zip(none, *telling, strict=True)))
+    for row, one in enumerate(verdicts):
+        if one.verdict not in (PRESENT, REMOVED):
             continue
+        tell = int(told.through[row] + told.support[row])
+        share, enough = (float(told.through[row]) + 0.5) / (tell + 1.0), tell >= settings.least_rays
         if enough and share >= LEAST_OF_REMOVED:
             found[row] = one._replace(verdict=REMOVED, probability=max(one.probability, share))
-        elif before != PRESENT and enough and share <= MOST_OF_PRESENT:
+        elif one.verdict == REMOVED and enough and share <= MOST_OF_PRESENT:
             found[row] = one._replace(verdict=PRESENT, probability=min(one.probability, share))
-        elif before == REMOVED:
+        elif one.verdict == REMOVED and (enough or told.glass[row] or _are_few_and_end_on_it(one.rays, settings)):
             found[row] = one._replace(verdict=OCCLUDED, probability=settings.change_prior)
     return found
+
+
+def _are_few_and_end_on_it(rays: Sequence[int], settings: VerdictSettings) -> bool:
+    through, support = rays[THROUGH], rays[SUPPORT]
+    # With fewer than the least it is gone by what the rays of others say, as of a piece of a wall that is.
+    few = settings.least_rays <= through + support < SURELY * settings.least_rays
+    return few and support >= through
 
 
 def of_parts(parts: Sequence[Verdict], change_prior: float) -> Verdict:

@@ -46,13 +46,6 @@ def told(rays, probability, scanned=True):
         pytest.param([[10, 9, 0, 0]], 0.99, OCCLUDED, id="too few rays to tell"),
         pytest.param([[25, 0, 975, 0]], 0.99, OCCLUDED, id="too small a share to tell"),
         pytest.param([[40, 0, 960, 0]], 0.99, REMOVED, id="a share that is enough"),
-        pytest.param(
-            [[12, 14, 0, 5]], 0.8, OCCLUDED, id="few rays, most of which end on it, and the network says gone"
-        ),
-        pytest.param([[30, 14, 0, 5]], 0.8, REMOVED, id="few rays, most of which pass, and the network says gone"),
-        pytest.param(
-            [[120, 140, 0, 5]], 0.8, REMOVED, id="many rays, of which the network says more than their shares"
-        ),
     ],
 )
 def test_what_rays_tell(rays, probability, expected):
@@ -65,14 +58,25 @@ def test_what_rays_tell(rays, probability, expected):
 
 
 @pytest.mark.parametrize(
-    ("through", "support", "expected"), [(24, 2, REMOVED), (2, 24, PRESENT), (15, 11, OCCLUDED), (9, 0, OCCLUDED)]
+    "rays, telling, expected",
+    [
+        pytest.param((12, 14), None, OCCLUDED, id="few rays, most of which end on it"),
+        pytest.param((30, 14), None, REMOVED, id="few rays, most of which pass"),
+        pytest.param((120, 140), None, REMOVED, id="many rays"),
+        # Of a lining before a wall most rays end where both have a surface: that tells nothing.
+        pytest.param((20, 30), (24, 2), REMOVED, id="those pass that nothing else explains"),
+        pytest.param((20, 30), (2, 24), PRESENT, id="those end on it that nothing else explains"),
+        pytest.param((20, 30), (15, 11), OCCLUDED, id="neither"),
+        pytest.param((20, 30), (9, 0), OCCLUDED, id="too few of them"),
+    ],
 )
-def test_what_few_rays_leave_open_those_decide_that_nothing_else_explains(through, support, expected):
-    """Of a lining before a wall most rays end where both have a surface: that tells nothing."""
-    before = verdicts_of([told([[20, 30, 0, 5]], 0.8)])
-    telling = Telling(np.array([through]), np.array([support]), np.array([0]))
-    (found,) = retold(before, [telling], VerdictSettings())
-    assert found.verdict == expected and (found.probability >= 0.5) == (expected == REMOVED)
+def test_networks_alone_take_nothing_away_that_few_rays_end_on(rays, telling, expected):
+    """They say gone; of few rays no more pass than end there."""
+    before = verdicts_of([told([[*rays, 0, 5]], 0.8)])
+    told_of_it = [] if telling is None else [Telling(*(np.array([count]) for count in (*telling, 0)))]
+    (found,) = retold(before, told_of_it, VerdictSettings())
+    assert before[0].verdict == REMOVED and found.verdict == expected
+    assert (found.probability >= 0.5) == (expected == REMOVED)
 
 
 def test_the_more_rays_go_through_the_likelier_an_element_is_gone():
