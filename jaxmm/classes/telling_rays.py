@@ -10,15 +10,16 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.classes.open_doors import leaf_is_near, opening_of
-from jaxmm.rays.noise_model import Noise, noise_of, sigma_at
+from jaxmm.rays.hits import hits_of
+from jaxmm.rays.noise_model import Noise, sigma_at
 from jaxmm.rays.scan_rays import ScanRays
+from jaxmm.rays.tilted_ends import noise_met
 from warp_scanner.scenes.scenes import DOOR, WINDOW
 from warp_scanner.sensors.scan import Rays
-from warp_scanner.sensors.triangles import TriangleScene, cast_faces, cast_triangles, face_normals
+from warp_scanner.sensors.triangles import TriangleScene, cast_triangles
 
 ERROR, GROWS = 0.03, 0.005  # [m] of a range across a surface, and more for each metre of it
 SIGMAS = 3.0  # standard deviations of ranges, that all toward one thing may err by together
-EVERY = 8  # one of so many rays tells how they err
 LEAST_COSINE = 0.2  # beyond this incidence an error along the ray grows no further
 BESIDE = 0.015  # [m] aside of its place, from where the sensor must still see a ray meet the same element
 FRAME = 0.07  # [m] from the outline of what opens or has a pane, and does not show where: its frame
@@ -66,13 +67,13 @@ def telling_rays(known: Known, rays: ScanRays, asked: np.ndarray, gone: np.ndarr
     """
     count = len(asked)
     found = Telling(*(np.zeros(count, np.int64) for _ in range(3)))
-    view = _view_of(known.scene, rays, gone)
-    first = cast_triangles(known.scene, Rays(view.position[None], view.direction), ~gone).element[0]
-    order = np.argsort(first, kind="stable")
-    starts = np.searchsorted(first[order], np.arange(count + 1))
+    met = hits_of(known.scene, rays.position, rays.direction[: rays.measured], ~gone)
+    view = View(rays.position, rays.direction[: rays.measured], rays.distance[: rays.measured], noise_met(rays, met))
+    order = np.argsort(met.element, kind="stable")
+    starts = np.searchsorted(met.element[order], np.arange(count + 1))
     for row in np.flatnonzero(asked):
         own = slice(None) if gone[row] else order[starts[row] : starts[row + 1]]
-        if gone[row] or len(first[own]):
+        if gone[row] or len(own):
             some = view._replace(direction=view.direction[own], distance=view.distance[own])
             _count(known, some, int(row), gone, found)
     for row in np.flatnonzero(_is_passed(known, found)):
@@ -80,22 +81,6 @@ def telling_rays(known: Known, rays: ScanRays, asked: np.ndarray, gone: np.ndarr
             found.glass[row] += found.through[row]
             found.through[row] = 0
     return found
-
-
-def _view_of(scene: TriangleScene, rays: ScanRays, gone: np.ndarray) -> View:
-    """The rays of a scan that came back, and how they err by what is not gone (E,)."""
-    direction, distance = rays.direction[: rays.measured], rays.distance[: rays.measured]
-    some = direction[::EVERY]
-    expected, face = cast_faces(scene, Rays(rays.position[None], some), ~gone)
-    reach = expected.distance[0]
-    noise = noise_of(distance[::EVERY] - reach, _cosine(scene, some, face[0]), reach)
-    return View(rays.position, direction, distance, noise)
-
-
-def _cosine(scene: TriangleScene, direction: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """(n,) of the angle between rays along directions (n, 3) and the normals of the faces (n,) that they meet."""
-    normal = face_normals(scene.triangles, face[None])[0].astype(np.float64)
-    return np.abs(np.sum(normal * direction, axis=1)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
 
 
 def _is_passed(known: Known, told: Telling) -> np.ndarray:
@@ -118,21 +103,21 @@ def _count(known: Known, view: View, row: int, gone: np.ndarray, found: Telling)
     position, direction, distance, noise = view
     only = np.zeros(len(gone), bool)
     only[row] = True
-    met, face = cast_faces(known.scene, Rays(position[None], direction), only)
-    meets = np.isfinite(met.distance[0])
-    direction, distance, reach, face = direction[meets], distance[meets], met.distance[0, meets], face[0, meets]
-    if not len(reach):
+    meets = np.isfinite(cast_triangles(known.scene, Rays(position[None], direction), only).distance[0])
+    if not meets.any():
         return
+    direction, distance = direction[meets], distance[meets]
+    met = hits_of(known.scene, position, direction, only)  # of these alone: how surfaces lie takes longer than casting
+    reach = met.distance
     behind = cast_triangles(known.scene, Rays(position[None], direction), ~(gone | only)).distance[0]
-    cosine = _cosine(known.scene, direction, face)
     usual, own = ERROR + GROWS * reach, SIGMAS * sigma_at(noise, reach)
-    margin = np.maximum(usual, own) / np.maximum(cosine, LEAST_COSINE)
+    margin = np.maximum(usual, own) / np.maximum(met.cosine, LEAST_COSINE)
     if known.scene.triangles.semantic[row] in (DOOR, WINDOW):
         sure = own <= NOISY * usual  # else all of them may be off by more than a casing is deep
         _add_casing(row, tuple(one[sure] for one in (distance - reach, behind - reach, margin)), found)
     tells = behind - reach > 2.0 * margin
     direction, distance, reach, margin = (one[tells] for one in (direction, distance, reach, margin))
-    pane = _is_pane(known, row, position + direction * reach[:, None].astype(np.float64), face[tells])
+    pane = _is_pane(known, row, position + direction * reach[:, None].astype(np.float64), met.face[tells])
     through, support = distance > reach + margin, np.abs(distance - reach) <= margin
     if through.any():
         through[through] = _from_beside(known.scene, position, direction[through], only)

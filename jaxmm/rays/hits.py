@@ -23,10 +23,12 @@ class Hits(NamedTuple):
     face: np.ndarray  # (P,) int32 triangle, -1
 
 
-def hits_of(scene: TriangleScene, position: np.ndarray, direction: np.ndarray) -> Hits:
-    """Cast rays from one place at all elements."""
+def hits_of(
+    scene: TriangleScene, position: np.ndarray, direction: np.ndarray, present: np.ndarray | None = None
+) -> Hits:
+    """Cast rays from one place (3,) [m], along directions (P, 3), at all elements or those that are present (E,)."""
     rays = Rays(np.asarray(position, np.float64)[None], direction)
-    scan, face = cast_faces(scene, rays)
+    scan, face = cast_faces(scene, rays, present)
     normal = face_normals(scene.triangles, face)
     cosine = np.cos(incidence_of(normal, rays))[0]
     with np.errstate(invalid="ignore"):  # triangles without an area, which no ray meets

@@ -44,12 +44,17 @@ class Met(NamedTuple):
     sigma: np.ndarray  # (P,) [m] standard deviation of the ranges
 
 
-def met_of(rays: ScanRays, expected: Hits) -> tuple[Met, Noise]:
-    """What the rays of a scan meet, and how their ranges err, by those that should meet something and come back."""
+def noise_met(rays: ScanRays, expected: Hits) -> Noise:
+    """How the ranges of a scan err, by those of its rays (P,) that should meet something and come back."""
     thin = slice(None, rays.measured, EVERY)
     with np.errstate(invalid="ignore"):  # no return where none was expected
         residual = rays.distance[thin] - expected.distance[thin]
-    noise = noise_of(residual, expected.cosine[thin], expected.distance[thin])
+    return noise_of(residual, expected.cosine[thin], expected.distance[thin])
+
+
+def met_of(rays: ScanRays, expected: Hits) -> tuple[Met, Noise]:
+    """What the rays of a scan meet, and how their ranges err."""
+    noise = noise_met(rays, expected)
     sigma = sigma_at(noise, expected.distance)
     margin = margins(expected.cosine, sigma)
     return Met(rays.distance, expected.distance, expected.element, expected.normal, margin, sigma), noise
