@@ -60,8 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(_glued(sys.argv[1:] if arguments is None else arguments))
     if arguments is None:
         os.environ["JAX_ENABLE_X64"] = "0"  # our models are of single precision, and JAX is not yet there
+        heed(shown=options.debug)
     if arguments is None and not options.debug:
-        heed()
         # A compilation cache that cannot be used costs time only.
         warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
         warnings.filterwarnings("ignore", "Error .* persistent compilation cache", UserWarning)

@@ -24,7 +24,7 @@ def collected(*_):
     raise error
 
 error = {error}
-heed()
+heed({shown})
 try:
     {lost}
     time.sleep({wait})
@@ -33,8 +33,8 @@ except KeyboardInterrupt:
 """
 
 
-def after(error: str, lost: str, wait: float) -> tuple[str, str]:
-    code = FORGOTTEN.format(error=error, lost=lost, wait=wait)
+def after(error: str, lost: str, wait: float, shown: bool = False) -> tuple[str, str]:
+    code = FORGOTTEN.format(error=error, lost=lost, wait=wait, shown=shown)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     return done.stdout.strip(), done.stderr
 
@@ -42,7 +42,9 @@ def after(error: str, lost: str, wait: float) -> tuple[str, str]:
 @pytest.mark.parametrize("lost", ["Last()", "gc.callbacks.append(collected); gc.collect()"])
 def test_one_that_is_forgotten_comes_again(lost):
     assert after("KeyboardInterrupt()", lost, 50.0) == ("interrupted", "")
+    assert after("KeyboardInterrupt()", lost, 50.0, shown=True) == ("interrupted", "")
     assert after("RuntimeError()", lost, 0.5) == ("", "")  # of other errors nobody hears
+    assert "RuntimeError" in after("RuntimeError()", lost, 0.5, shown=True)[1]
 
 
 def test_one_that_ends_as_the_error_of_a_lock_is_told_as_one(capsys):
