@@ -147,11 +147,11 @@ def _prior_for(model: Model, found: list[Found], reading: Reading) -> Prior:
 def _prior_frames(model: Model, sources: list[ScanSource], reading: Reading) -> set[str]:
     """In which other frames than stated a cloud that is the prior would be fitted by the scans."""
     posed = []
-    for one in sources if reading.prior.frame is not None else ():
-        if one.pose != SEARCH:
-            with contextlib.suppress(InputError):  # of one that cannot be read, and was to be left out
+    for one in sources if reading.prior.frame else ():
+        with contextlib.suppress(InputError):  # of one that cannot be read, and was to be left out
+            if one.pose != SEARCH:
                 posed.append(own_scan(scan_of(one), one.pose, reading.frame))
-    return {prior_frame_that_fits(model, reading.prior, posed, reading.unit)} - {""}
+    return {prior_frame_that_fits(model, reading.prior, posed, reading.unit)} - {""} if posed else set()
 
 
 def write_all(

@@ -2,7 +2,16 @@
 
 from collections.abc import Sequence
 
-from jaxmm.verdicts.verdicts import DISPLACED, OCCLUDED, PRESENT, REMOVED, UNSCANNED
+from jaxmm.verdicts.verdicts import (
+    DISPLACED,
+    LEAST_OF_REMOVED,
+    OCCLUDED,
+    PRESENT,
+    REMOVED,
+    SURELY,
+    UNSCANNED,
+    VerdictSettings,
+)
 
 VERDICT_WORDS: dict[str, str] = {
     PRESENT: "The scan met the element where the model has it.",
@@ -27,8 +36,6 @@ VERDICT_WORDS: dict[str, str] = {
 NOTHING_BACK = "rays went there and brought nothing back"
 IN_FRONT = "other things stood in front"
 PASSES = "rays pass, as through glass or an open door"
-FEW = 60  # rays that tell, below which there are too few
-MOSTLY = 0.8  # share of the rays that tell, from which on they pass
 LEFT_OPEN = "too few rays tell of it, or some pass where others end"
 # Of a place of the model, in the order of evidence.FRACTIONS.
 EVIDENCE_WORDS: dict[str, str] = {
@@ -64,5 +71,6 @@ def why_occluded(rays: Sequence[int]) -> str:
     """Why nobody knows of an element that was in view, by its rays (4,) in the order of evidence.FRACTIONS."""
     through, support, blocked, unseen = rays
     if through + support >= max(blocked, unseen):
-        return PASSES if through >= FEW and through >= MOSTLY * (through + support) else LEFT_OPEN
+        passes = through >= max(SURELY * VerdictSettings().least_rays, LEAST_OF_REMOVED * (through + support))
+        return PASSES if passes else LEFT_OPEN
     return NOTHING_BACK if unseen > blocked else IN_FRONT

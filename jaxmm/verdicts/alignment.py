@@ -226,12 +226,10 @@ def prior_frame_that_fits(path: Path | Model, options: Any, scans: list[OwnScan]
 
     Args:
         path: its file.
-        options: buildings.ReadOptions, as it was read.
-        scans: those that do not fit it.
+        options: buildings.ReadOptions, as it was read, with the frame stated.
+        scans: at least one, that do not fit it.
         unit: [m] of the scans if it is known.
     """
-    if options.frame is None or not scans:
-        return ""
     shares = {}
     for frame in FRAMES:
         try:
