@@ -6,14 +6,18 @@ const COLUMNS = [
   ["name", "name", null],
   ["class", "", (one) => one.ifc_class],
   ["storey", "", (one) => one.storey],
-  ["off [mm]", "number", (one) => offCell(offOfKey.get(one.key))],
+  ["off [mm, 95 %]", "number", (one) => offCell(offOfKey.get(one.key))],
   ["P(removed)", "number", (one) => chance(one.probability)],
   ...Object.keys(EVIDENCE).map((name) => [name, "number", (one) => count(one.evidence[name])]),
   ["file", "", (one) => one.file],
   ["GlobalId", "", (one) => make("code", {}, one.guid)],
 ];
 
-const offCell = (off) => (off ? `${fixed(1000 * shownOff(off), 1)}${off.at_ends ? " at its ends" : ""}` : "");
+/** Off its place with what is open: of two walls that face each other it may be which of them stands off. */
+function offCell(off) {
+  if (!off) return "";
+  return `${fixed(1000 * shownOff(off), 1)} ± ${fixed(1000 * off.half, 1)}${off.at_ends ? " at its ends" : ""}`;
+}
 
 /** What asks most for attention comes first. */
 function orderedElements() {
