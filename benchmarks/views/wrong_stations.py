@@ -102,17 +102,11 @@ def room_of(seed: int, number: int, sensor: str, kind: str) -> tuple[Room, tuple
     for row, step in moved.items():
         triangles = move_element(triangles, row, step, np.zeros(3))
     scene, stands = prepare(triangles), np.ones(len(triangles.semantic), bool)
-    poses = [
-        Pose(
-            *(
-                np.asarray(one, np.float32)
-                for one in ((turn @ place)[None] - prior.origin, [rng.uniform(-3.0, 3.0)], [0.0])
-            )
-        )
-        for place in _places(boxes, int(rng.integers(*STATIONS)), rng)
-    ]
-    scans = [scanned(scene, stands, (sensor_named(sensor), pose), (seed, 100 * number + n))[0]
-             for n, pose in enumerate(poses)]  # fmt: skip
+    scans = []
+    for n, place in enumerate(_places(boxes, int(rng.integers(*STATIONS)), rng)):
+        stand = turn @ place - prior.origin, rng.uniform(-3.0, 3.0), 0.0
+        pose = Pose(*(np.array([one], np.float32) for one in stand))
+        scans.append(scanned(scene, stands, (sensor_named(sensor), pose), (seed, 100 * number + n))[0])
     if kind == OFF:
         scans = [disturbed(one, MOST_OFF, rng) for one in scans]
     way = rng.uniform(0.0, 2.0 * np.pi)
