@@ -28,8 +28,6 @@ PEER = "Open3D voxel_down_sample (means)"
 NOISE = 0.005  # [m] of the robot's ranges
 VOXEL = 0.1  # [m]
 FULL, SMOKE = {"pairs": 16, "repeat": 15}, {"pairs": 1, "repeat": 1}
-NOISE = 0.005  # [m] of the robot's ranges
-VOXEL = 0.1  # [m]
 ROOMS_AT_ONCE = 32
 
 
