@@ -115,15 +115,15 @@ def _count(known: Known, view: View, row: int, gone: np.ndarray, found: Telling)
     if known.scene.triangles.semantic[row] in (DOOR, WINDOW):
         sure = own <= NOISY * usual  # else all of them may be off by more than a casing is deep
         _add_casing(row, tuple(one[sure] for one in (distance - reach, behind - reach, margin)), found)
+    pane = _is_pane(known, row, position + direction * reach[:, None].astype(np.float64), met.face)
+    passed, ends = distance > reach + margin, np.abs(distance - reach) <= margin
+    found.glass[row] += int(np.sum(passed & pane))  # whatever is behind, its own frame too: where the pane is, they went
     tells = behind - reach > 2.0 * margin
-    direction, distance, reach, margin = (one[tells] for one in (direction, distance, reach, margin))
-    pane = _is_pane(known, row, position + direction * reach[:, None].astype(np.float64), met.face[tells])
-    through, support = distance > reach + margin, np.abs(distance - reach) <= margin
+    through = tells & passed & ~pane
     if through.any():
         through[through] = _from_beside(known.scene, position, direction[through], only)
-    found.glass[row] += int(np.sum(through & pane))
-    found.through[row] += int(np.sum(through & ~pane))
-    found.support[row] += int(np.sum(support))
+    found.through[row] += int(np.sum(through))
+    found.support[row] += int(np.sum(tells & ends))
 
 
 def _add_casing(row: int, told: tuple[np.ndarray, np.ndarray, np.ndarray], found: Telling) -> None:

@@ -118,6 +118,13 @@ def test_glass_of_any_other_class_lets_rays_pass_too():
     assert through == 0 and glass > 1000
 
 
+def test_a_pane_close_before_a_wall_says_that_it_was_passed():
+    """No ray tells whether it is there, but networks alone must not take it away either: rays went through glass."""
+    wall, pane = (0, [3.11, 0.0, 0.0], [0.1, 20.0, 20.0]), (1, [3.0, 0.0, 0.0], [0.02, 1.0, 2.0])
+    through, support, glass = told(known_of([wall, pane], OTHER, [1], "IfcRailing"), scan_of([wall]))
+    assert through == support == 0 and glass > 1000
+
+
 def test_a_ray_that_would_end_on_the_wall_behind_as_well_tells_nothing():
     """A lining of 2 cm on the wall: no single ray tells whether it is there."""
     lining = (1, [4.94, 0.0, 0.0], [0.02, 1.0, 2.0])
