@@ -117,7 +117,7 @@ def _count(known: Known, view: View, row: int, gone: np.ndarray, found: Telling)
         _add_casing(row, tuple(one[sure] for one in (distance - reach, behind - reach, margin)), found)
     pane = _is_pane(known, row, position + direction * reach[:, None].astype(np.float64), met.face)
     passed, ends = distance > reach + margin, np.abs(distance - reach) <= margin
-    found.glass[row] += int(np.sum(passed & pane))  # whatever is behind, its own frame too: where the pane is, they went
+    found.glass[row] += int(np.sum(passed & pane))  # whatever is behind, its own frame as well
     tells = behind - reach > 2.0 * margin
     through = tells & passed & ~pane
     if through.any():
