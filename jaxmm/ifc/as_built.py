@@ -12,13 +12,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jaxmm.ifc.draft import Draft, open_draft
-from jaxmm.ifc.placements import new_axes, own_matrix, world_matrix
+from jaxmm.ifc.placements import new_axes
 from jaxmm.ifc.removal import belongings, hanging_on
 from jaxmm.ifc.shares import Share
 from jaxmm.ifc.text_edits import Edit
 from jaxmm.ifc.undo import AS_BUILT, AS_BUILT_UNDO, write_with_undo
 from jaxmm.verdicts.results import Detection, Drawing, ElementVerdict
 from jaxmm.verdicts.verdicts import DISPLACED
+from warp_scanner.buildings.ifc_model import own_matrix, world_matrix
 
 NOT_WRITTEN = f"--as-built: {AS_BUILT} is not written: it is open whether every scan is of this place"
 STILL = np.eye(4)

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxmm.ifc.draft import Draft
-from jaxmm.ifc.placements import new_axes, rounded, world_matrix
+from jaxmm.ifc.placements import new_axes, rounded
 from jaxmm.verdicts.results import Mismatch
-from warp_scanner.buildings.ifc_model import identity_of
+from warp_scanner.buildings.ifc_model import identity_of, world_matrix
 
 FOOT_SLACK = 0.1  # [m] a measured foot this far below a storey's elevation still stands on it
 _CLASSES = {"wall": ("IfcWall", "SOLIDWALL"), "pillar": ("IfcColumn", "COLUMN")}

@@ -1,4 +1,4 @@
-"""Placements in an IFC model as matrices, and back. Lengths in the file's unit."""
+"""Matrices as placements of an IFC model. Lengths in the file's unit."""
 
 from typing import Any
 
@@ -8,20 +8,6 @@ from jaxmm.ifc.draft import Draft
 
 LENGTH_DECIMALS = 9  # placements come from matrices, whose noise lies far below
 _DIRECTION_DECIMALS = 15
-
-
-def world_matrix(placement: Any) -> np.ndarray:
-    """(4, 4) float64 from the placement to the world."""
-    from ifcopenshell.util.placement import get_local_placement
-
-    return np.array(get_local_placement(placement), np.float64)
-
-
-def own_matrix(placement: Any) -> np.ndarray:
-    """(4, 4) float64 from an IfcLocalPlacement to what it is relative to."""
-    from ifcopenshell.util.placement import get_axis2placement
-
-    return np.array(get_axis2placement(placement.RelativePlacement), np.float64)
 
 
 def new_axes(draft: Draft, matrix: np.ndarray) -> Any:

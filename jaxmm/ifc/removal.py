@@ -8,7 +8,8 @@ definitions may wait for their next use.
 from typing import Any
 
 from jaxmm.ifc.draft import Draft
-from jaxmm.ifc.placements import new_axes, own_matrix
+from jaxmm.ifc.placements import new_axes
+from warp_scanner.buildings.ifc_model import own_matrix
 
 _FEATURES = (
     ("IfcRelVoidsElement", "RelatingBuildingElement", "RelatedOpeningElement"),

@@ -186,10 +186,21 @@ def in_feet(path, out):
     return out
 
 
-@pytest.mark.parametrize("unit", ["metre", "foot"])
-def test_a_displaced_element_placed_relative_to_another_one_moves_by_its_own_offset_alone(room, tmp_path, unit):
+def askew(path, out):
+    """The same frame, by a reference direction that is not across the axis."""
+    model = ifcopenshell.open(str(path))
+    axes = model.by_type("IfcBuildingStorey")[0].ObjectPlacement.RelativePlacement
+    axes.Axis, axes.RefDirection = (
+        model.create_entity("IfcDirection", way) for way in ((0.0, 0.0, 1.0), (6.0, 8.0, 3.0))
+    )
+    model.write(str(out))
+    return out
+
+
+@pytest.mark.parametrize("change", [None, in_feet, askew])
+def test_a_displaced_element_placed_relative_to_another_one_moves_by_its_own_offset_alone(room, tmp_path, change):
     """And what is in either of them with it; in a file of feet, too."""
-    prior = room if unit == "metre" else in_feet(room, tmp_path / "feet.ifc")
+    prior = change(room, tmp_path / "changed.ifc") if change else room
     building = read_ifc(prior)
     before, (wall, door) = surfaces(building), hosted(prior)
     last = ifcopenshell.open(str(prior)).by_type("IfcWall")[-1].GlobalId

@@ -113,6 +113,13 @@ def drop_body_context(model):
     model.remove(first(model, "IfcGeometricRepresentationSubContext"))
 
 
+def askew(model):
+    """A reference direction that is not across the axis: the x axis is where it points to, laid across."""
+    axes = first(model, "IfcBuildingStorey").ObjectPlacement.RelativePlacement
+    axes.Axis = model.create_entity("IfcDirection", (0.0, 0.0, 1.0))
+    axes.RefDirection = model.create_entity("IfcDirection", (1.0, 0.0, 0.3))
+
+
 def drop_placements(model):
     first(model, "IfcBuildingStorey").ObjectPlacement = None
 
@@ -122,6 +129,7 @@ def drop_placements(model):
     [
         (place_far, (155_000.0, 463_000.0, 10.0)),
         (drop_body_context, (0.0, 0.0, 0.0)),
+        (askew, (0.0, 0.0, 0.0)),
         (drop_placements, (5.0, 0.0, 0.0)),
     ],
 )

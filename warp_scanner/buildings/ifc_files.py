@@ -25,7 +25,14 @@ from warp_scanner.buildings.ifc_bodies import keep_bodies
 from warp_scanner.buildings.ifc_grids import place_by_grids
 from warp_scanner.buildings.ifc_hazards import beyond_the_library
 from warp_scanner.buildings.ifc_maps import to_map
-from warp_scanner.buildings.ifc_model import check_installed, check_text, identity_of, open_model, unit_scale
+from warp_scanner.buildings.ifc_model import (
+    check_installed,
+    check_text,
+    identity_of,
+    open_model,
+    unit_scale,
+    world_matrix,
+)
 from warp_scanner.buildings.ifc_wholes import owner_of, put_together, wholes_of
 from warp_scanner.buildings.ifc_zips import plain_file
 from warp_scanner.guarded import Plain
@@ -244,12 +251,11 @@ def _part(owner: Any, shapes: list[_Shape], rows: dict[int, int], options: ReadO
 
 def _storeys(model: Any, scale: float, placeless: Container[int]) -> tuple[Storeys, dict[int, int]]:
     """The storeys from the lowest up, and the row of each STEP id."""
-    from ifcopenshell.util.placement import get_local_placement
 
     def elevation(storey: Any) -> float:
         # The placement is where things really stand; the attribute is a remark that some files get wrong.
         if storey.ObjectPlacement and storey.id() not in placeless:
-            return float(get_local_placement(storey.ObjectPlacement)[2, 3]) * scale
+            return float(world_matrix(storey.ObjectPlacement)[2, 3]) * scale
         return float(storey.Elevation or 0.0) * scale
 
     found = sorted(((elevation(storey), storey) for storey in model.by_type("IfcBuildingStorey")), key=lambda s: s[0])

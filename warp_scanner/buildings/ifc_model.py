@@ -123,6 +123,22 @@ def identity_of(entity: Any) -> str:
     return entity.GlobalId or f"#{entity.id()}"
 
 
+def world_matrix(placement: Any) -> np.ndarray:
+    """(4, 4) float64 from a placement, or from none, to the world; lengths in the file's unit."""
+    return np.eye(4) if placement is None else world_matrix(placement.PlacementRelTo) @ own_matrix(placement)
+
+
+def own_matrix(placement: Any) -> np.ndarray:
+    """(4, 4) float64 from an IfcLocalPlacement to what it is relative to; lengths in the file's unit."""
+    from ifcopenshell.util.placement import get_axis2placement
+
+    matrix = np.array(get_axis2placement(placement.RelativePlacement), np.float64)
+    # RefDirection only tells in which plane the x axis lies. The library takes it for the axis, and so shears what lies
+    # within; its y and z are right.
+    matrix[:3, 0] = np.cross(matrix[:3, 1], matrix[:3, 2])
+    return matrix
+
+
 def unit_scale(model: Any, path: Path | str) -> float:
     """Metres per unit of length in the file.
 
