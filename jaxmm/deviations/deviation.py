@@ -232,12 +232,17 @@ def fits_of(scene: TriangleScene, met: Meetings, slender: np.ndarray) -> list[tu
     rounds = np.isin(np.arange(len(ways)), slender) & (ways >= ROUND)
     flat = [group.thinned() for group in groups if not rounds[group.element[0]]]
     low, high = (bound[:, 2].astype(np.float64) for bound in element_bounds(scene.triangles))
-    found = [(group, fit_of(group, low[group.element[0]], high[group.element[0]])) for group in flat]
+    found = [(group, [fit_of(group, low[group.element[0]], high[group.element[0]])]) for group in flat]
     for row in np.flatnonzero(rounds):
         body = met.of(met.element == row).thinned()
-        found += [(body, fit) for fit in fits_of_curved(body)]
-    bounds = element_bounds(scene.triangles)
-    return [(group, fit) for group, fit in found if fit is not None and not _is_of_another(scene, bounds, group, fit)]
+        found.append((body, fits_of_curved(body)))
+    bounds, fits = element_bounds(scene.triangles), []
+    for group, ways in found:
+        own = [fit for fit in ways if fit is not None]
+        # A round body is another's by whichever way it is so: all its fits are of the same rays.
+        if not any(_is_of_another(scene, bounds, group, fit) for fit in own):
+            fits += [(group, fit) for fit in own]
+    return fits
 
 
 def _is_of_another(scene: TriangleScene, bounds: tuple[np.ndarray, np.ndarray], group: Meetings, fit: Fit) -> bool:

@@ -62,6 +62,15 @@ def test_a_round_column_is_off_by_what_it_moved(place, step):
     assert one.rays <= near.sum()  # each of them counts once
 
 
+@pytest.mark.parametrize("by", [0.04, 0.08])
+def test_a_round_column_that_is_gone_before_another_one_is_not_told(by):
+    """Rays end on the other one, as far off aside as it is drawn: that is no way by which the first stands."""
+    room, other = building_of(HALL[:COLUMN]).triangles, shaft(-2.0 - by, -1.0)
+    model, real = prepare(join(join(room, shaft(-2.0, -1.0)), other)), join(room, other)
+    found = deviations_of(model, [seen(real, np.array([1.0, -1.0, 1.4]))], [EXACT], np.full(COLUMN + 2, 0.03))
+    assert COLUMN not in found
+
+
 def test_scans_that_disagree_leave_open_what_is_true():
     """A wardrobe before the wall, or another day: the mean of both is no place where anything stands."""
     scans = seen(moved(hall(), FREE, (0.2, 0.0, 0.0))), seen(hall(), np.array([-2.0, 1.0, 1.5]))
