@@ -153,6 +153,7 @@ def faces_of(
     """
     met = meetings_of(scene, rays, own, clear)
     found = fits_of(scene, met, columns_of(scene))
+    found = [(group, fit._replace(number=number)) for number, (group, fit) in enumerate(found)]
     poses, unlikely = likely_poses(pose_errors([fit for _, fit in found], rays.position, trust))
     seen = seen_of_each(found, poses, rays.position)
     heights, ends = heights_of(scene.triangles, met), met_at_ends(scene, met)

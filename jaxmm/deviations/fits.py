@@ -56,6 +56,7 @@ class Fit(NamedTuple):
     every: int  # rays that each of these stands for
     before: bool = False  # it may as well be the front of what stands before the face, which nobody saw then
     first: bool = True  # of a round body, all ways but one say the same rays again
+    number: int = -1  # of the faces that tell the pose of its scan; -1: none of them
 
     @property
     def rays(self) -> int:

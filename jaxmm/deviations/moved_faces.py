@@ -32,6 +32,5 @@ def faces_of_moved(
     """
     met = meetings_of(scene, rays, own, clear)
     found = fits_of(scene, met.of(np.isin(met.element, rows)), columns_of(scene))
-    # No such face had a vote: what stands beside its place has none there.
-    poses = [one._replace(voted=False) for one in poses]
+    # Without numbers, for no such face had a vote: what stands beside its place has none there.
     return Faces(rays.position, poses, seen_of_each(found, poses, rays.position), heights_of(scene.triangles, met))

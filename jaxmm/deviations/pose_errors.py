@@ -38,6 +38,16 @@ BY_OTHERS = (0.005, 0.005, 0.005, 0.002, 0.002, 0.002)  # [m, rad]
 EXACT, KEPT, REGISTERED, HELD = TRUSTS = ("exact", "kept", "registered", "held")
 
 
+class _Solution(NamedTuple):
+    """A correction that faces agree on."""
+
+    cost: float  # negative log likelihood
+    step: np.ndarray  # (6,)
+    told: np.ndarray  # (6, 6) normal equations, of faces and of what was known before
+    right: np.ndarray  # (6,)
+    votes: np.ndarray  # (G,) of the faces in these
+
+
 class PoseError(NamedTuple):
     """A correction that may be: what tells of it, in the form of normal equations."""
 
@@ -45,8 +55,8 @@ class PoseError(NamedTuple):
     right: np.ndarray  # (6,)
     place: float  # [m] standard deviation of faces that stand in their place, off it
     tilt: np.ndarray  # (2,) [m] and of their ends off where their middles have them, along their axes
+    votes: np.ndarray = np.zeros(0)  # (G,) with which faces told of it, by their numbers
     share: float = 1.0  # how likely it is, of all that may be
-    voted: bool = True  # whether the faces that one asks about had a vote
     among: int = -1  # scans of one number have the poses at one place of their lists at once; -1: none goes with it
     instead: tuple["PoseError", ...] = ()  # poses of its scan that are as likely by it alone, and others ruled out
 
@@ -70,14 +80,20 @@ class PoseError(NamedTuple):
         """
         if not np.isfinite(self.told).all():
             return np.zeros(6), np.zeros((6, 6))
-        own, right = np.zeros((6, 6)), np.zeros(6)
-        if self.voted and fits:
-            off, rows, sigma = _told_by(fits, sensor, self.place, self.tilt)
-            own, right = _normal(off, rows, sigma, _votes(off, rows, sigma, self.correction))
+        told, right = self.told_without(fits, sensor)
         # Nothing is known worse than before any face was seen; rounding must not say so either.
-        square, axes = np.linalg.eigh((self.told - own) * np.outer(GIVEN, GIVEN))
+        square, axes = np.linalg.eigh(told * np.outer(GIVEN, GIVEN))
         spread = (axes / np.maximum(square, 1.0)) @ axes.T * np.outer(GIVEN, GIVEN)
-        return -spread @ (self.right - right), spread
+        return -spread @ right, spread
+
+    def told_without(self, fits: list[Fit], sensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`told` and `right` without the votes of some faces."""
+        voters = [fit for fit in fits if 0 <= fit.number < len(self.votes)]
+        if not voters:
+            return self.told, self.right
+        votes = self.votes[[fit.number for fit in voters]]
+        own, right = _normal(*_told_by(voters, sensor, self.place, self.tilt), votes)
+        return self.told - own, self.right - right
 
 
 EXACTLY = PoseError(np.full((6, 6), np.inf), np.zeros(6), USUAL_PLACE, USUAL_TILT)  # of a pose that is believed
@@ -117,7 +133,7 @@ def pose_errors(fits: list[Fit], sensor: np.ndarray, trust: str = REGISTERED) ->
     Beside those that one scan may believe (`likely_poses`) stand others that only other scans can tell to be right.
 
     Args:
-        fits: of one scan.
+        fits: of one scan, each with its number in this list.
         sensor: (3,) [m].
         trust: one of TRUSTS, in its pose.
     """
@@ -134,15 +150,15 @@ def pose_errors(fits: list[Fit], sensor: np.ndarray, trust: str = REGISTERED) ->
         place, tilt = new
         off, rows, sigma = _told_by(fits, sensor, place, tilt)
         found = [one for given, cost in known for one in _solutions(off, rows, sigma, given, cost)]
-        found.sort(key=lambda one: one[0])
-        new = _scatters(fits, off, rows, found[0][1], 6)
+        found.sort(key=lambda one: one.cost)
+        new = _scatters(fits, off, rows, found[0].step, 6)
     apart: list[PoseError] = []
-    for cost, step, told, right in found:
-        if cost > found[0][0] + WORSE:
+    for cost, step, told, right, votes in found:
+        if cost > found[0].cost + WORSE:
             break
         # One that is within what a likelier one leaves open says nothing else.
         if all((lag := step - one.correction) @ one.told @ lag > 1.0 for one in apart):
-            apart.append(PoseError(told, right, place, tilt, float(np.exp(found[0][0] - cost))))
+            apart.append(PoseError(told, right, place, tilt, votes, float(np.exp(found[0].cost - cost))))
     every = sum(one.share for one in apart)
     return [one._replace(share=one.share / every) for one in apart]
 
@@ -194,15 +210,15 @@ def rows_of_all(fits: list[Fit], about: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _solutions(
     off: np.ndarray, rows: np.ndarray, sigma: np.ndarray, given: tuple[float, ...], cost: float
-) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
-    """Cost, correction and normal equations of each pose that faces agree on, all or all but one."""
+) -> list[_Solution]:
+    """Each pose that faces agree on, all or all but one."""
     prior = np.diag(1.0 / np.square(given))
     surest = np.argsort(sigma[:, 0])[:ANCHORS]
     starts = [np.zeros(6)]
     for one in surest:
         told, right = _normal(off[[one]], rows[[one]], sigma[[one]], np.ones(1))
         starts.append(-np.linalg.solve(told + prior, right))
-    found: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
+    found: list[_Solution] = []
 
     def add(step: np.ndarray, silent: int | None) -> None:
         for weigh in (_weights, _votes):  # from afar softly, then each face by how likely it stands in its place
@@ -217,12 +233,12 @@ def _solutions(
         square = np.square((off + rows @ step) / sigma).max(axis=1)
         total = cost + float(surprise(square).sum()) + 0.5 * float(step @ prior @ step)
         is_other = silent is None or square[silent] > FAR_OFF**2
-        if is_other and all(np.abs(step - other[1]).max() > 1e-4 for other in found):
-            found.append((total, step, told + prior, right))
+        if is_other and all(np.abs(step - other.step).max() > 1e-4 for other in found):
+            found.append(_Solution(total, step, told + prior, right, votes))
 
     for start in starts:
         add(start, None)
-    best = min(found, key=lambda one: one[0])[1]
+    best = min(found, key=lambda one: one.cost).step
     for one in surest:  # what if just this one moved?
         add(best, int(one))
     return found

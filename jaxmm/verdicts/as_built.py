@@ -95,8 +95,7 @@ def as_built(
     if shifts:
         there = _with_moved(prior, moved | {row: (one.step, np.zeros(3)) for row, one in shifts.items()}, found)
         laid = [
-            with_poses(one, [pose._replace(voted=False) for pose in known.poses])
-            for one, known in zip(again(there, np.array(list(shifts))), shown, strict=True)
+            with_poses(one, known.poses) for one, known in zip(again(there, np.array(list(shifts))), shown, strict=True)
         ]
         laid = deviations_by(there.scene, laid, tolerance)
         for row, shift in shifts.items():
