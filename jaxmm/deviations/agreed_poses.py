@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.deviations.element_motion import FREE, Seen, told_by_others
+from jaxmm.deviations.meetings import STEEP
 from jaxmm.deviations.pose_errors import (
     AS_GOOD,
     MOVED,
@@ -68,8 +69,35 @@ def agreed(shown: list[Faces]) -> list[Faces]:
 
     Where several scans have other poses at once or not at all, their lists go together, place by place (`among`).
     """
-    if len(shown) < 2 or not any(len(one.poses) + len(one.unlikely) > 1 for one in shown):
+    if len(shown) > 1 and any(len(one.poses) + len(one.unlikely) > 1 for one in shown):
+        shown = _agreed(shown)
+    doubted = [_is_at_odds(one) for one in shown]
+    if not any(doubted):
         return shown
+    return [with_poses(one, [_undecided(one)]) if no else one for one, no in zip(shown, doubted, strict=True)]
+
+
+def _is_at_odds(one: Faces) -> bool:
+    """Whether no more upright faces speak for the likeliest pose of a scan than against it, and others may be."""
+    votes = one.poses[0].votes
+    if len(one.poses) < 2 or not len(votes):
+        return False
+    upright = [each.fit.number for each in one.seen if each.fit.number >= 0 and abs(each.fit.normal[2]) <= STEEP]
+    return bool(2 * np.sum(votes[upright] > 0.5) <= len(upright))
+
+
+def _undecided(one: Faces) -> PoseError:
+    """What tells of the pose of a scan without those faces that have a vote by some of its poses alone."""
+    votes = np.stack([pose.votes > 0.5 for pose in one.poses])
+    among = np.flatnonzero(votes.any(axis=0) & ~votes.all(axis=0))
+    pose = one.poses[0]
+    told, right = pose.told_without([each.fit for each in one.seen if each.fit.number in among], one.sensor)
+    kept = pose.votes.copy()
+    kept[among] = 0.0
+    return pose._replace(told=told, right=right, votes=kept, share=1.0, among=-1)
+
+
+def _agreed(shown: list[Faces]) -> list[Faces]:
     scans = _scans(shown)
     known = _Known(scans)
     found = [_descent(known, None, known.moved(dict.fromkeys(range(len(scans)), 0)))]

@@ -66,12 +66,10 @@ class Motion(NamedTuple):
     keep: np.ndarray = np.zeros((3, 3))  # projection onto the directions of the shift that are fixed; zero if none is
 
     def fixed(self) -> "Motion":
-        """With what its faces fix, and the pose: directions along which 95 % of what may be lies near by."""
-        spread = self.covariance + sum((one.step.T * one.share) @ one.step for one in self.swings)
-        axes = np.linalg.eigh(spread[:3, :3])[1].T  # where it swings is one of them
-        most = NORMAL * FIXED
-        fixed = np.array([one for one in axes if self._half(np.array([*one, 0.0, 0.0, 0.0])) < most]).reshape(-1, 3)
-        return self._replace(keep=fixed.T @ fixed)
+        """With what its faces fix, by any one pose that its scans may have: the interval holds what it is by others."""
+        square, axes = np.linalg.eigh(self.covariance[:3, :3])
+        fixed = axes[:, square < FIXED**2]
+        return self._replace(keep=fixed @ fixed.T)
 
     @property
     def turned(self) -> np.ndarray:
