@@ -35,6 +35,7 @@ KEPT_SHIFT, KEPT_TURN = 0.003, 0.1  # [m], [deg] of the sensor, up to which a po
 LEAST_MOVED = 0.01  # [m] off its place, from which an element is judged where it stands
 WHOLLY = 0.95  # share of them, below which a column may stand beside its place
 MOST_HALF = 0.02  # [m] that an offset may be wrong by, where it is asked whether it is the same element
+MOST_OPEN = 0.1  # [m] that an offset may be less than the pose has it, where it is open how far off the pose is
 AJAR = 1.0  # [deg] by which a door or a window is turned that stands ajar
 STANDS = 0.5  # share of the rays that could reach an element, that end on it where it stands
 
@@ -79,7 +80,7 @@ def as_built(
     found = deviations_by(prior.scene, shown, tolerance)
     # Farther than that it is another thing, or the same one that was moved.
     farthest = limits.most + MOST_HALF
-    found = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= farthest}
+    found = {row: one for row, one in found.items() if np.linalg.norm(one.step) <= farthest + _open_by(one)}
     vacant = passed_above(prior.scene.triangles, (one.heights for one in shown), in_place=True)
     moved = {row: _step(one) for row, one in found.items() if _is_off(one)}
     # What stands beside its place is where its rays pass.
@@ -174,6 +175,15 @@ def _is_off(one: Deviation) -> bool:
     off = max(float(np.linalg.norm(one.step)), one.worst)
     open_by = one.step_half if is_told(one) and not one.before else 0.0  # either way what is seen there is not new
     return one.stands >= STANDS and off > max(LEAST_MOVED, open_by)
+
+
+def _open_by(one: Deviation) -> float:
+    """[m] by which it may stand nearer to its place than the pose has it, as that may be off."""
+    if one.before:  # then it is open whether it is the element at all
+        return 0.0
+    if not is_told(one):
+        return MOST_OPEN
+    return min(one.half, MOST_OPEN) if one.half > MOST_HALF else 0.0
 
 
 def _step(one: Deviation) -> tuple[np.ndarray, np.ndarray]:
