@@ -3,6 +3,7 @@
 N points of one panel. Azimuth to the left and elevation upwards, in degrees, as `jaxmm.reports.panorama` has them.
 """
 
+import gc
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -69,6 +70,7 @@ def write_figures(folder: Path, detection: Detection, names: Sequence[str] = FIG
     drawn = dict(zip(FIGURES, (plan_figure, evidence_figure, probability_figure), strict=True))
     for name in names:
         drawn[name](detection, folder / name)
+        gc.collect()  # a figure refers to itself: its points and its canvas would stay while the next is drawn
     return [folder / name for name in names]
 
 
@@ -120,9 +122,10 @@ def panels_of(detection: Detection) -> list[Panel]:
         order = _from_far(model, in_view(drawing, scan, record.pose, model))
         fields = (drawing.prior_evidence, drawing.prior_probability, shows.prior)
         panels.append(_panel(scan, "removed", model, order, fields))
-        robot = seen_from(record.pose, drawing.robot, drawing.origin)
-        order = _from_far(robot, drawing.robot_scan == scan)
-        fields = (drawing.robot_evidence, drawing.robot_probability, shows.robot)
+        own = drawing.robot_scan == scan
+        robot = seen_from(record.pose, drawing.robot[own], drawing.origin)
+        order = _from_far(robot, np.ones(len(robot.distance), bool))
+        fields = (drawing.robot_evidence[own], drawing.robot_probability[own], shows.robot[own])
         panels.append(_panel(scan, "added", robot, order, fields))
     return panels
 

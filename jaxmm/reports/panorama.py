@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmm.vectors import by_blocks
 from jaxmm.verdicts.results import Drawing, Mismatch, Pose
 
 CELL = 1.0  # [deg] of the grid that decides what hides what
@@ -31,7 +32,8 @@ def seen_from(pose: Pose, offsets: np.ndarray, origin: np.ndarray) -> Seen:
         offsets: (N, 3) [m] from `origin`.
         origin: (3,) float64 [m] world.
     """
-    return _seen(sensor_frame(pose, offsets - (np.array(pose[:3], np.float64) - origin)))
+    place = np.array(pose[:3], np.float64) - origin
+    return Seen(*by_blocks(lambda some: np.column_stack(_seen(sensor_frame(pose, some - place))), offsets).T)
 
 
 def sensor_frame(pose: Pose, away: np.ndarray) -> np.ndarray:
@@ -73,9 +75,10 @@ def in_view(drawing: Drawing, scan: int, pose: Pose, seen: Seen) -> np.ndarray:
         azimuth, elevation = np.radians(seen.azimuth), np.radians(seen.elevation)
         inside = (np.abs(seen.azimuth) < 90.0) & (np.abs(np.tan(azimuth)) <= wide)
         inside &= np.abs(np.tan(elevation)) <= high * np.cos(azimuth)
-    cell = np.floor(np.column_stack([seen.azimuth, seen.elevation]) / CELL).astype(np.int64)
-    _, place = np.unique(cell, axis=0, return_inverse=True)
-    nearest = np.full(place.max(initial=-1) + 1, np.inf)
+    column, row = (np.floor(angle / CELL).astype(np.int32) for angle in (seen.azimuth, seen.elevation))
+    rows = int(180.0 / CELL) + 1
+    place = (column - int(-180.0 / CELL)) * rows + row - int(-90.0 / CELL)
+    nearest = np.full(int(360.0 / CELL) * rows, np.inf)
     np.minimum.at(nearest, place, seen.distance)
     return inside & (seen.distance <= nearest[place] + DEPTH)
 

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from jaxmm.reports.figures import BLACK, COLOR_ADDED, COLOR_DISPLACED, COLOR_REMOVED, SKY, UNDATED, styled
 from jaxmm.reports.markdown import chance
+from jaxmm.vectors import by_blocks
 from jaxmm.verdicts.results import Detection, Drawing, Mismatch, Pose
 
 FIELD_OF_VIEW = 60.0  # [deg] upright; viewers of BCF are only sure to know 45 to 60
@@ -93,11 +94,17 @@ def project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
     Places of points that are not in front of the camera mean nothing.
     """
-    offset = np.asarray(points, np.float64) - camera.position
-    depth = offset @ camera.direction
-    across = np.stack([offset @ np.cross(camera.direction, camera.up), offset @ camera.up], axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return across / (_HALF * depth[:, None] * [ASPECT_RATIO, 1.0]), depth
+    right = np.cross(camera.direction, camera.up)
+
+    def projected(some: np.ndarray) -> np.ndarray:
+        offset = np.asarray(some, np.float64) - camera.position
+        depth = offset @ camera.direction
+        across = np.stack([offset @ right, offset @ camera.up], axis=-1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.column_stack([across / (_HALF * depth[:, None] * [ASPECT_RATIO, 1.0]), depth])
+
+    found = by_blocks(projected, np.asarray(points))
+    return found[:, :2], found[:, 2]
 
 
 def stepped_back(camera: Camera, corners: np.ndarray) -> tuple[Camera, float]:

@@ -13,7 +13,7 @@ from jaxmm.learning.boxes import Box
 from jaxmm.learning.prediction import Side
 from jaxmm.rays.evidence import BLOCKED, SUPPORT, THROUGH
 from jaxmm.rays.scan_rays import PosedScan
-from jaxmm.vectors import lengths
+from jaxmm.vectors import by_blocks, lengths
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import Detection, Drawing, Key, Mismatch
 from warp_scanner.scenes.building import Building, Triangles, Twin
@@ -66,15 +66,19 @@ def inside(mismatch: Mismatch | Box | Unexplained, offsets: np.ndarray, origin: 
         offsets: (N, 3) [m] from `origin`.
         origin: (3,) float64 [m] world.
     """
-    # The centre loses its large part first: offsets are exact only because they are small.
-    away = offsets - (np.asarray(mismatch.center, np.float64) - origin)
     if not np.isfinite(mismatch.rotation):
         return np.zeros(len(offsets), bool)
-    yaw = np.radians(mismatch.rotation)
-    along = away[:, 0] * np.cos(yaw) + away[:, 1] * np.sin(yaw)
-    across = away[:, 1] * np.cos(yaw) - away[:, 0] * np.sin(yaw)
+    # The centre loses its large part first: offsets are exact only because they are small.
+    center, yaw = np.asarray(mismatch.center, np.float64) - origin, np.radians(mismatch.rotation)
     reach = np.asarray(mismatch.dimensions, np.float64) / 2 + MARGIN
-    return (np.abs(np.column_stack([along, across, away[:, 2]])) <= reach).all(axis=1)
+
+    def within(some: np.ndarray) -> np.ndarray:
+        away = some - center
+        along = away[:, 0] * np.cos(yaw) + away[:, 1] * np.sin(yaw)
+        across = away[:, 1] * np.cos(yaw) - away[:, 0] * np.sin(yaw)
+        return (np.abs(np.column_stack([along, across, away[:, 2]])) <= reach).all(axis=1)
+
+    return by_blocks(within, offsets)
 
 
 def signed_distances(detection: Detection, rows: np.ndarray | None = None) -> np.ndarray | None:
