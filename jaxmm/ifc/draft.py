@@ -10,6 +10,7 @@ from jaxmm.ifc.text_edits import Edit, edit_text
 from jaxmm.ifc.undo import sha256
 from jaxmm.inputs import InputError, one_line
 from warp_scanner.buildings.ifc_model import import_ifcopenshell
+from warp_scanner.buildings.ifc_schemas import parse
 from warp_scanner.buildings.ifc_zips import ifc_text, plain_file
 
 SOFTWARE = "jaxmm"
@@ -120,7 +121,7 @@ def open_draft(prior: Path, when: datetime | None, date: str | None) -> tuple[by
     try:
         original = ifc_text(prior)
         with plain_file(prior) as plain:
-            model = ifcopenshell.open(str(plain))
+            model, _, _ = parse(ifcopenshell, plain)
     except OSError as error:
         raise InputError(f"{prior}: cannot be read: {error.strerror}") from error
     except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas

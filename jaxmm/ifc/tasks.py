@@ -42,7 +42,7 @@ def read_tasks(path: Path) -> TaskPlan:
         InputError: the file cannot be read.
     """
     try:
-        model, _ = open_model(path)
+        model, *_ = open_model(path)
     except (ValueError, ImportError) as error:
         raise InputError(str(error)) from error
     found = model.by_type("IfcTask")

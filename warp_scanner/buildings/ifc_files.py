@@ -147,9 +147,9 @@ def parse_ifc(path: Path, options: ReadOptions) -> Building:
 
 
 def _building(path: Path, options: ReadOptions) -> Building:
-    model, notes = open_model(path)
+    model, notes, lost = open_model(path)
     unit = unit_scale(model, path)
-    shapeless = place_by_grids(model) | beyond_the_library(path, model, unit)
+    shapeless = place_by_grids(model) | beyond_the_library(path, model, unit, lost)
     storeys, rows = _storeys(model, unit, shapeless)
     products, left_out = _products(model)
     guids, repeated = _unique_guids(products)

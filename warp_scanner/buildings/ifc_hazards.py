@@ -33,7 +33,7 @@ _CARRIERS = (*_GEOMETRY, "IfcRepresentation", "IfcRepresentationMap", "IfcRepres
              "IfcProductRepresentation")  # fmt: skip
 
 
-def beyond_the_library(path: Path, model: Any, unit: float) -> dict[int, str]:
+def beyond_the_library(path: Path, model: Any, unit: float, lost: dict[int, int]) -> dict[int, str]:
     """For each product whose shape or place holds such a thing, by STEP id, the reason.
 
     Cylinders are made extruded circles, in the model as it is in memory, so they cost nothing.
@@ -42,11 +42,13 @@ def beyond_the_library(path: Path, model: Any, unit: float) -> dict[int, str]:
         path: the STEP text.
         model: the same, parsed.
         unit: [m] of a length in it.
+        lost: of entities that refer to one that is not in the model, its number.
     """
     reasons: dict[int, str] = {}
     for cylinder in model.by_type("IfcRightCircularCylinder"):
         _extrude(model, cylinder)
-    for item, why in (*_without_number(path, model), *_too_wide(model, unit), *_not_made(model)):
+    hazards = *_without_number(path, model), *_too_wide(model, unit), *_not_made(model), *_without_parts(model, lost)
+    for item, why in hazards:
         for product in _made_with(model, item):
             reasons.setdefault(product.id(), why)
     return reasons
@@ -94,6 +96,16 @@ def _not_made(model: Any) -> list[tuple[Any, str]]:
     return [(one, f"#{one.id()}, {one.is_a()}, is of a kind that the library for IFC cannot make") for one in found]
 
 
+def _without_parts(model: Any, lost: dict[int, int]) -> list[tuple[Any, str]]:
+    """Shapes and places that lack a part; without its place an element would stand at the origin."""
+    items = [(model.by_id(user), number) for user, number in lost.items()]
+    return [
+        (item, f"#{item.id()}, {item.is_a()}, refers to #{number}, which is of an unknown class or not in the file")
+        for item, number in items
+        if any(map(item.is_a, (*_CARRIERS, "IfcProduct")))
+    ]
+
+
 def _as_it_is(operator: Any) -> bool:
     """Whether an IfcCartesianTransformationOperator2D moves, turns, mirrors and scales nothing."""
     if operator is None:  # of an IfcMirroredProfileDef, which says by its name what it does
@@ -137,8 +149,8 @@ def _by_id(model: Any, number: int) -> Any:
 
 
 def _made_with(model: Any, item: Any) -> list[Any]:
-    """The products whose shape or place an item is part of; what is cut or added to by such a product is one, too."""
-    products, seen, left = [], {item.id()}, [item]
+    """The products whose shape or place an item is part of, or that it is; what such a one cuts or adds to is, too."""
+    products, seen, left = [item] if item.is_a("IfcProduct") else [], {item.id()}, [item]
     while left:
         for user in model.get_inverse(left.pop()):
             if user.id() in seen:

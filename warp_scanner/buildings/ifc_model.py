@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from warp_scanner.buildings.ifc_schemas import parse
+
 _UNIT = 1e-4  # by which the length of a direction may be off 1, as rounded ratios are
 _BEGIN = 4096  # bytes in which a file says that it is one
 MISSING = "reading IFC needs the extra ifc: pip install 'jaxmm[ifc]'"
@@ -70,8 +72,10 @@ def check_text(path: Path) -> None:
         raise ValueError(f"{path}: expected an IFC file, whose header names its FILE_SCHEMA, found none")
 
 
-def open_model(path: Path) -> tuple[Any, tuple[str, ...]]:
-    """The parsed file, and notes of what had to be mended in it.
+def open_model(path: Path) -> tuple[Any, tuple[str, ...], dict[int, int]]:
+    """The parsed file, notes of what had to be mended in it, and which entities refer to one that is not there.
+
+    The last as `ifc_schemas.parse` gives them.
 
     Raises:
         ValueError: the library cannot read it; a number stands for several entities.
@@ -79,7 +83,7 @@ def open_model(path: Path) -> tuple[Any, tuple[str, ...]]:
     """
     ifcopenshell = import_ifcopenshell()
     try:
-        model = ifcopenshell.open(str(path))
+        model, notes, lost = parse(ifcopenshell, path)
     except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
         raise ValueError(f"{path}: not a readable IFC file: {' '.join(str(error).split())[:150]}") from error
     numbers: set[int] = set()
@@ -93,7 +97,7 @@ def open_model(path: Path) -> tuple[Any, tuple[str, ...]]:
         _make_unit(model, direction)
     mended = sum(_mend(product) for product in model.by_type("IfcProduct"))
     told = f"{mended} elements of the file mark an empty value by *, where IFC has $: nothing is lost by it"
-    return model, (told,) if mended else ()
+    return model, (*notes, told) if mended else notes, lost
 
 
 def _make_unit(model: Any, direction: Any) -> None:

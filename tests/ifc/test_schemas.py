@@ -1,0 +1,87 @@
+"""Releases of IFC that the library does not know, text before the file, and entities of classes that a schema lacks."""
+
+import re
+
+import pytest
+
+from tests.warp_scanner.test_hard_ifc import Model, span
+from warp_scanner.scenes.building import AS_IT_IS
+
+ifcopenshell = pytest.importorskip("ifcopenshell")
+
+from jaxmm.ifc.draft import open_draft  # noqa: E402
+from warp_scanner.buildings.ifc_files import parse_ifc  # noqa: E402
+
+LAST = "the file is of schema {}, and was read as {}, the nearest that is known"
+
+
+def text_of(schema):
+    """A model of two columns, of 3 m, the second with a place of its own at x = 5."""
+    model = Model(schema)
+    model.product("IfcColumn", "first", model.box((0, 0, 0), (0.4, 0.4, 3)))
+    model.product("IfcColumn", "second", model.box((0, 0, 0), (0.4, 0.4, 3)), at=(5, 0, 0))
+    return model.file.to_string()
+
+
+def renamed(text, schema):
+    return re.sub(r"FILE_SCHEMA\(\('\w+'\)\)", f"FILE_SCHEMA(('{schema}'))", text)
+
+
+@pytest.mark.parametrize(
+    "made, named, known",
+    [
+        pytest.param("IFC4X3", "IFC4X3", "IFC4X3_ADD2", id="the name of the standard"),
+        pytest.param("IFC4X3", "IFC4X3_RC2", "IFC4X3_ADD2", id="a candidate"),
+        pytest.param("IFC4X3", "ifc4x3_add1", "IFC4X3_ADD2", id="small letters"),
+        pytest.param("IFC4", "IFC4X1", "IFC4", id="a successor"),
+        pytest.param("IFC2X3", "IFC2X3_TC1", "IFC2X3", id="a correction"),
+    ],
+)
+def test_other_releases_are_read_as_the_nearest_that_is_known(tmp_path, made, named, known):
+    path = tmp_path / "model.ifc"
+    text = renamed(text_of(made), named)
+    if known == "IFC4X3_ADD2":  # whichever knows the classes of the file
+        text = text.replace("IFCCOLUMN", "IFCBEARING", 1)
+    if named == "IFC4X1":
+        text = text.replace("IFCCOLUMN", "IFCCOLUMNSTANDARDCASE", 1)
+    path.write_text(text)
+    building = parse_ifc(path, AS_IT_IS)
+    assert set(building.elements.name) == {"first", "second"} and not building.failures
+    assert building.notes[0] == LAST.format(named.upper(), known)
+    original, draft = open_draft(path, None, "2026-01-01T00:00:00")
+    assert original == path.read_bytes() and len(draft.model.by_type("IfcElement")) == 2
+
+
+def test_a_mark_of_the_encoding_before_the_file_is_passed_over(tmp_path):
+    path = tmp_path / "model.ifc"
+    path.write_bytes(b"\xef\xbb\xbf" + text_of("IFC4").replace("\n", "\r\n").encode())
+    building = parse_ifc(path, AS_IT_IS)
+    assert set(building.elements.name) == {"first", "second"} and building.notes[0].startswith(
+        "the file has no storeys"
+    )
+
+
+@pytest.mark.parametrize("schema", ["IFC9", "IFC5X1", "AP214"])
+def test_what_is_near_to_no_schema_is_refused(tmp_path, schema):
+    path = tmp_path / "model.ifc"
+    path.write_text(renamed(text_of("IFC4"), schema))
+    with pytest.raises(ValueError, match=f"not a readable IFC file: Unsupported schema: {schema}"):
+        parse_ifc(path, AS_IT_IS)
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [
+        pytest.param(r"(#\d+=)IFCLOCALPLACEMENT\([^;]*", id="place"),
+        pytest.param(r"(#\d+=)IFCRECTANGLEPROFILEDEF\([^;]*", id="part of a body"),
+    ],
+)
+def test_an_element_without_its_place_or_a_part_of_its_body_is_said_to_be_missing(tmp_path, lost):
+    text, path = text_of("IFC4"), tmp_path / "model.ifc"
+    last = list(re.finditer(lost, text))[-1]
+    path.write_text(text[: last.start()] + last[1] + "IFCNEWTHING(1.)" + text[last.end() :])
+    building = parse_ifc(path, AS_IT_IS)
+    assert building.elements.name == ("first",)
+    assert [(one.name, "is of an unknown class" in one.reason) for one in building.failures] == [("second", True)]
+    assert building.notes[0] == "entities of classes that the schema lacks were left out: IFCNEWTHING"
+    assert span(building, "first")[1, 0] < 1.0
