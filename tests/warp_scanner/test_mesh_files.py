@@ -108,6 +108,23 @@ def test_faces_of_obj_files_that_are_none_are_told_with_their_line(tmp_path, tex
     assert "\n" not in str(told.value)
 
 
+def test_an_obj_file_that_was_cut_off_says_so(tmp_path):
+    """Within a face, wherever it was cut: what is left of its line is no face, or may be another one."""
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 10\nf 1 2 3\nf -1/7 -2/7 -3/7\n"
+    file, start = tmp_path / "a.obj", text.rindex("f ")
+    for length in range(start + 1, len(text) + 1):
+        file.write_text(text[:length])
+        if len(text[start:length].split()) < 4 or text[:length].endswith(" -"):
+            with pytest.raises(ValueError, match=r"a\.obj: truncated: it ends within a line: 'f"):
+                read_building(file)
+        else:
+            notes = " ".join(read_building(file).notes)
+            assert ("its last line has no end" in notes) == (length < len(text))
+    file.write_text(text[: text.index("10")])
+    with pytest.raises(ValueError, match=r"a\.obj: truncated: it ends within a line: 'v 0 0'"):
+        read_building(file)
+
+
 SHAPES = {
     "square": [(0, 0), (1, 0), (1, 1), (0, 1)],
     "L": [(0, 0), (4, 0), (4, 1), (1, 1), (1, 3), (0, 3)],

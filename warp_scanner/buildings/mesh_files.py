@@ -13,7 +13,7 @@ import numpy as np
 
 from warp_scanner.buildings.gltf_files import read_gltf
 from warp_scanner.buildings.mesh_pieces import pieces_of
-from warp_scanner.buildings.obj_files import MeshNode, read_obj
+from warp_scanner.buildings.obj_files import MeshNode, read_obj, remarks_on_end
 from warp_scanner.quiet import silent
 from warp_scanner.scenes.building import AS_IT_IS, NO_STOREYS, Building, Failure, Found, Part, ReadOptions, assemble
 from warp_scanner.scenes.scenes import CEILING, DOOR, FLOOR, FURNITURE, OTHER, PILLAR, WALL, WINDOW
@@ -57,6 +57,8 @@ def read_mesh(path: Path | str, options: ReadOptions = AS_IT_IS) -> Building:
     if not parts:
         raise ValueError(f"{path}: expected a mesh with faces, found none")
     parts, notes = _by_shape(parts) if all(part.semantic == OTHER for part in parts) else (parts, ())
+    if path.suffix.lower() == ".obj":
+        notes = (*notes, *remarks_on_end(path))
     flaws = [
         Failure(part.guid, "", part.name, f"more than two triangles meet in {count} of its edges")
         for part in parts

@@ -17,6 +17,8 @@ import numpy as np
 from warp_scanner.buildings.polygons import triangles_of
 
 OTHER_INDICES = re.compile(r"/\S*")  # of texture and normal, behind that of the vertex
+LONGEST_LINE = 4096  # bytes
+SIGNS = ("-", "+", ".", "-.")  # of a number that has not begun
 NAMELESS = ("", "default", "off")  # groups that programs write where there is none
 
 
@@ -35,8 +37,12 @@ def read_obj(path: Path) -> list[MeshNode]:
     """Objects (`o`) where there are several, else groups (`g`), else all as one; groups of one name are one.
 
     Raises:
-        ValueError: corners that are no numbers, or that are not there; one line that names the file and the line.
+        ValueError: corners that are no numbers, or that are not there, or a file that ends within a line of them; one
+            line that names the file and the line.
     """
+    words = unended_line(path).split()
+    if words and words[0] in ("v", "f") and (len(words) < 4 or words[-1] in SIGNS):
+        raise ValueError(f"{path}: truncated: it ends within a line: {' '.join(words)[:80]!r}")
     coordinates, faces = _lines(path)
     vertices = np.zeros((0, 3))
     if any(map(str.strip, coordinates)):
@@ -48,6 +54,20 @@ def read_obj(path: Path) -> list[MeshNode]:
     if len(vertices) < len(coordinates):
         raise ValueError(f"{path}: expected vertices of three numbers, got a line without any")
     return [_node(path, name, vertices, told) for name, told in _elements(faces, path.stem)]
+
+
+def unended_line(path: Path) -> str:
+    """What a file ends with that ends within a line, as one does that was cut off; nothing of any other."""
+    with open(path, "rb") as file:
+        file.seek(max(0, path.stat().st_size - LONGEST_LINE))
+        return re.split(rb"[\r\n]", file.read())[-1].decode("utf-8", "replace")
+
+
+def remarks_on_end(path: Path) -> tuple[str, ...]:
+    """What is to be said of a file that ends within a line that may be whole."""
+    if not unended_line(path).startswith("f"):
+        return ()
+    return ("its last line has no end: if the file was cut off there, its last face is not whole, and others lack",)
 
 
 def _lines(path: Path) -> tuple[list[str], dict[tuple[int, str, str], list[_Face]]]:
