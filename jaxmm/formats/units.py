@@ -16,6 +16,12 @@ LEAST_HEIGHT = 1.0  # [m] of what lies on the prior, to tell a unit by it
 TALLEST = 500.0  # [m] no scan is higher
 FITS = 0.5  # share of points from which another unit fits
 UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 0.3048: "feet"}
+# Units that scans are read in only where somebody says so.
+OTHER_UNITS = {0.1: "decimetres", 0.9144: "yards", 1.0: "metres"}
+SHORTEST, LONGEST, STEP, FINER = 2e-4, 50.0, 0.015, 3  # [m] of units that are tried, in steps, and these by an eighth
+FEWER = 1000  # points that tell which
+SIZED = "times its size"
+CLOSELY = 0.01  # by which a factor may differ from a unit's, to name that
 _THIN = 4000
 
 Distance = Callable[[np.ndarray, float], np.ndarray]  # points (N, 3) [m], reach [m] -> (N,) [m] to the prior, or inf
@@ -28,6 +34,11 @@ class Fit(NamedTuple):
     share: float  # of its points, within NEAR of the prior
     on: float  # of its points, within ON of it
     height: float  # [m] of those, see `height`
+
+    @property
+    def upright(self) -> float:
+        """`on`, of what is no mere floor: drawn together, all points of a scan come near one surface."""
+        return self.on if self.height > LEAST_HEIGHT else 0.0
 
 
 def fit_of(points: np.ndarray, distance: Distance, unit: float | None = None) -> Fit:
@@ -49,6 +60,36 @@ def fit_of(points: np.ndarray, distance: Distance, unit: float | None = None) ->
     if height(points) > TALLEST:  # no metres, however little of it lies anywhere
         return best if best.on > told.on and best.share >= LEAST_OVERLAP else told
     return best if best.on > told.on + CLEARLY and best.share >= FITS else told
+
+
+def unit_that_fits(points: np.ndarray, distance: Distance) -> Fit:
+    """How a scan lies on the prior in the unit of any length in which most of it does.
+
+    Args:
+        points: (N, 3) as in the file, z up.
+        distance: to the prior's surface.
+    """
+    points = points[:: max(1, len(points) // FEWER)]
+
+    units = np.exp(np.arange(np.log(SHORTEST), np.log(LONGEST), STEP))
+    fits = [_fit(points, distance, float(unit)) for unit in units]
+    about = max(fits, key=lambda fit: (fit.upright, fit.on))
+    units = about.unit * np.exp(np.linspace(-FINER * STEP, FINER * STEP, 8 * FINER + 1))
+    apart = [np.minimum(distance(points * unit, NEAR), ON).mean() for unit in units]
+    return _fit(points, distance, float(units[np.argmin(apart)]))
+
+
+def scale_in_words(fits: str, factor: float, unit: float = 1.0) -> str:
+    """That a scan, as words say, fits at another size: a factor times the one that it has in a unit [m]."""
+    return f"{fits} at {factor:.3g} {SIZED}: {_asked(factor * unit)}"
+
+
+def _asked(unit: float) -> str:
+    """What a user is asked about a unit [m] that fits."""
+    near = [(length, name) for length, name in {**UNITS, **OTHER_UNITS}.items() if abs(unit / length - 1.0) < CLOSELY]
+    if not near:
+        return f"check its unit (--unit {unit:.4g} would fit), and that of the prior (--prior-unit)"
+    return "are its units {1} (--unit {0:g})?".format(*near[0])
 
 
 def height(points: np.ndarray) -> float:

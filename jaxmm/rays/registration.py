@@ -1,7 +1,7 @@
 """Registration: the small motion that lays a robot scan, taken from about where it is believed, upon the prior.
 
 World frame: metres, z up. N points of the scan. Motions are (4, 4) rigid transforms of the scan about the place of the
-sensor. Surfaces that changed have nothing to lie upon: they are left out by how far off they are, first roughly, then
+sensor. _Clouds that changed have nothing to lie upon: they are left out by how far off they are, first roughly, then
 narrowly. What the surfaces leave open (along a corridor, or before one bare wall) stays as it was believed; and so does
 a scan that hardly fits better elsewhere, whatever of it does not fit.
 
@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from jaxmm.rays.open_directions import GIVEN, information, open_directions
+from jaxmm.rays.scales import Scale, Surfaces, changed_of, scale_of
 from jaxmm.vectors import lengths
 
 SPACING = 0.1  # [m] both clouds are thinned to it
@@ -75,6 +76,7 @@ class Registration(NamedTuple):
     gained: float = 0.0  # surfaces that lie better on the prior than at the start
     weakest: tuple[float, float, float] = (0.0, 0.0, 0.0)  # direction in plan along which fewest walls tell its place
     telling: float = np.inf  # how many do
+    scale: Scale | None = None  # a size at which it fits better, if there is
 
 
 class _Clouds(NamedTuple):
@@ -98,12 +100,12 @@ class _Fit(NamedTuple):
     matches: np.ndarray  # (N,) bool: points that match a surface as steep as theirs
 
     def changed(self, cut: float = CUT) -> float:
-        """Surfaces that do not lie on the prior: up to `cut` [m] off it they count as 0 to 1, beyond as 1."""
+        """_Clouds that do not lie on the prior: up to `cut` [m] off it they count as 0 to 1, beyond as 1."""
         return float(self.weight @ np.minimum(np.square(self.off / cut), 1.0))
 
     @property
     def cost(self) -> float:
-        """Surfaces that changed; a far motion counts as up to FAR of them."""
+        """_Clouds that changed; a far motion counts as up to FAR of them."""
         return self.changed() + _far(self.motion)
 
     def upon(self, most: float) -> np.ndarray:
@@ -136,7 +138,14 @@ class _Fit(NamedTuple):
         return left / int(self.wall.sum()) if left >= LEAST_WALLS else 0.0
 
 
-def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sight_only: bool = False) -> Registration:
+def register(
+    scan: np.ndarray,
+    prior: np.ndarray,
+    sensor: np.ndarray,
+    *,
+    in_sight_only: bool = False,
+    zero: np.ndarray | None = None,
+) -> Registration:
     """Fit a scan to the prior (GICP: Segal et al. 2009; open directions as in Zhang et al. 2016).
 
     Args:
@@ -145,6 +154,7 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
         sensor: (3,) [m] where the scan is believed to be taken from; motions turn about it.
         in_sight_only: whether the prior holds only what is in sight from there, as a scan does: walls behind that, or
             beside it, are then no sign of another place, and are not asked whether they match.
+        zero: (3,) [m] of the frame that the scan's file is in; None: nobody asks whether it fits at another size.
 
     Returns:
         The motion; none where either cloud has too few points to tell.
@@ -172,7 +182,17 @@ def register(scan: np.ndarray, prior: np.ndarray, sensor: np.ndarray, *, in_sigh
         _on_one_plane(points, normals), _rival_of([*level, *free], found), _left(start, found),
         open_directions(moved[found.matches], facing[found.matches], found.residual),
         start.changed() - found.changed(), *_weakest(facing[found.on_wall], clouds.weight[found.on_wall]),
+        None if zero is None else _scale_of(clouds, [*level, *free], found, np.asarray(zero, np.float64) - centre),
     )  # fmt: skip
+
+
+def _scale_of(clouds: _Clouds, fits: list[_Fit], found: _Fit, zero: np.ndarray) -> Scale | None:
+    """The size at which a scan fits better than by any motion, about the zero (3,) [m] of its frame or elsewhere."""
+    prior, facing = clouds.target.points()[:, :3], clouds.target.normals()[:, :3]
+    seen = Surfaces(*clouds[:3], prior, facing, cKDTree(prior))
+    least = min(changed_of(seen, fit.motion[:3, :3], fit.motion[:3, 3]) for fit in fits)
+    motions = [fits[0].motion] if found is fits[0] else [fits[0].motion, found.motion]
+    return scale_of(seen, motions, least, zero)
 
 
 def _weakest(normals: np.ndarray, weight: np.ndarray) -> tuple[tuple[float, float, float], float]:

@@ -122,7 +122,9 @@ def _named(prior: Prior, name: str, scan: PointScan, own: OwnScan, reading: Read
         deviation = tuple(float(value) for value in viewpoint.deviation)
     placed = PosedScan(offsets, pose[0] - prior.origin, pose[1], sensor, laid.unseen)
     _check_place(prior, placed, thin - prior.origin, source)
-    return NamedScan(placed, name, len(scan.points), source, deviation, (*notes, *doubts), tuple(doubts))
+    return NamedScan(
+        placed, name, len(scan.points), source, deviation, (*notes, *doubts), tuple(doubts), unit=laid.unit
+    )  # fmt: skip
 
 
 def _doubts_about_frame(prior: Prior, scan: PointScan, pose: GivenPose | None, reading: Reading) -> tuple[str, ...]:

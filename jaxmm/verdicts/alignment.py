@@ -54,6 +54,7 @@ class LaidScan(NamedTuple):
     notes: tuple[str, ...]  # what was told by trying
     doubts: tuple[str, ...] = ()  # that its pose contradicts its file
     unseen: np.ndarray | None = None  # (K, 3) float32 unit vectors, in the sensor's frame, that brought nothing back
+    unit: float = 1.0  # [m] of the file's points
 
     @property
     def points(self) -> np.ndarray:
@@ -113,7 +114,7 @@ def lay(prior: Prior, scan: OwnScan, unit: float | None) -> LaidScan:
         if pose is not None and (scan.source == "file" or _nearer(position, some, grid.back(some))):
             pose = grid.back(position), grid.turn @ scan.rotation
         way, notes = (lambda points, before=way: grid.back(before(points))), (*notes, ON_GRID)
-    return _compared(LaidScan(own, way, pose, scan.source, notes, doubts, scan.unseen), stated, scan.in_world)
+    return _compared(LaidScan(own, way, pose, scan.source, notes, doubts, scan.unseen, fit.unit), stated, scan.in_world)
 
 
 def _looks_along_z(points: np.ndarray, position: np.ndarray | None) -> bool:

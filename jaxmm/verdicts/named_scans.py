@@ -15,7 +15,7 @@ from jaxmm.rays.scan_rays import PosedScan, rays_of_scan
 from jaxmm.verdicts.building_evidence import passed_by, surfaces_along, surfaces_for
 from jaxmm.verdicts.cloud_comparison import visible
 from jaxmm.verdicts.contradictions import doubts_by_rays
-from jaxmm.verdicts.placement import Placed, hold, place
+from jaxmm.verdicts.placement import InFile, Placed, hold, place
 from jaxmm.verdicts.priors import Prior
 from jaxmm.verdicts.results import Pose
 from jaxmm.verdicts.settings import DetectSettings
@@ -38,6 +38,7 @@ class NamedScan(NamedTuple):
     whole: PosedScan | None = None  # with all its points as they were measured, where some were drawn from it to settle
     is_settled: bool = False  # whether ranges are others than those of `whole`
     taken: Taken | None = None  # when; None where nobody knows
+    unit: float = 1.0  # [m] in which its file was read
 
 
 def settled_scan(one: NamedScan) -> NamedScan:
@@ -68,13 +69,14 @@ def placed_scan(prior: Prior, one: NamedScan, settings: DetectSettings) -> Place
             found = place(
                 one.scan, surfaces_along(prior.scene, rays), refine=settings.refine, limits=settings.limits,
                 passed=lambda: passed_by(prior.scene, rays),
-                shown=partial(surfaces_for, prior.scene),
+                shown=partial(surfaces_for, prior.scene), in_file=InFile(-prior.origin, one.unit),
             )  # fmt: skip
             doubts = doubts_by_rays(prior.scene, found.scan) if settings.preset != "thesis" else ()
             return found._replace(notes=(*found.notes, *doubts))
         return place(
             one.scan, visible(prior.cloud, rays), refine=settings.refine, limits=settings.cloud_limits,
             in_sight_only=True, shown=lambda there: visible(prior.cloud, rays_of_scan(there)),
+            in_file=InFile(-prior.origin, one.unit),
         )  # fmt: skip
     except (InputError, ValueError) as error:
         away = away_from(prior.building, one.scan.position) if prior.has_elements else 0.0
@@ -110,7 +112,8 @@ def held_scan(prior: Prior, one: NamedScan, laid: tuple[Placed, str], held: Held
             raise Misfit(misfit)
         return placed
     try:
-        found = hold(placed, held, one.scan, partial(surfaces_for, prior.scene), bool(misfit))
+        shown = partial(surfaces_for, prior.scene)
+        found = hold(placed, held, one.scan, shown, bool(misfit), InFile(-prior.origin, one.unit))
         return found._replace(notes=(*found.notes, *doubts_by_rays(prior.scene, found.scan)))
     except Misfit as error:
         raise Misfit(f"{one.file}: {error}") from error

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.config import bounded
+from jaxmm.formats.units import scale_in_words
 from jaxmm.inputs import Misfit
 from jaxmm.rays.joint_poses import Held
 from jaxmm.rays.open_directions import in_words
@@ -40,6 +41,13 @@ class Passed(NamedTuple):
 
     through: float  # share of those with a return that clearly end behind a surface
     nowhere: float  # share of them before which the building has no surface at all
+
+
+class InFile(NamedTuple):
+    """How its file has a scan."""
+
+    zero: np.ndarray  # (3,) [m] of its frame
+    unit: float = 1.0  # [m] in which it was read
 
 
 class Placed(NamedTuple):
@@ -86,6 +94,7 @@ def place(
     in_sight_only: bool = False,
     passed: Callable[[], Passed] | None = None,
     shown: Callable[[PosedScan], np.ndarray] | None = None,
+    in_file: InFile | None = None,
 ) -> Placed:
     """Register a scan.
 
@@ -99,33 +108,40 @@ def place(
             passes through nothing of the prior, and lies a little upon walls, or is one wall. None: it is refused.
         shown: what the prior shows (M, 3) [m] from where a scan is believed to be. From a pose that is far off it shows
             what lies beside the view: the scan is registered once more, to what it shows from where that ended.
+        in_file: how its file has it; None: nobody asks whether it fits at another size.
 
     Raises:
         Misfit: it does not fit; the line says by how much.
     """
-    limits = limits or FitLimits()
+    limits, zero = limits or FitLimits(), None if in_file is None else in_file.zero
     if len(prior) < LEAST_POINTS:
         raise Misfit("the prior has nothing in view from there; check pose, units and frame")
     every = max(1, len(scan.points) // MOST_POINTS)
-    found = register(scan.points[::every], prior, scan.position, in_sight_only=in_sight_only)
+    found = register(scan.points[::every], prior, scan.position, in_sight_only=in_sight_only, zero=zero)
     if refine and shown is not None and _is_far(found, scan):
-        found = _once_more(found, scan, every, shown, in_sight_only)
+        found = _once_more(found, scan, every, shown, in_sight_only, zero)
     before = found.overlap_before
-    as_it_is = Placed(scan, 0.0, 0.0, found.residual_before, before, before)
+    size = _scale_words(found, in_file)
+    as_it_is = Placed(scan, 0.0, 0.0, found.residual_before, before, before, size)
     if not refine:  # whoever believes a pose believes it of a view that is all new, too
         return as_it_is
     if (refusal := _refusal(found, _is_far(found, scan), limits)) and not _may_have_moved(found, limits):
         if passed is None or not _may_be_new(found, passed()):
-            raise Misfit(refusal)
-        return as_it_is._replace(notes=(_all_new(found),))
+            raise Misfit("; ".join([refusal, *size]))
+        return as_it_is._replace(notes=(*size, _all_new(found)))
     moved = _moved(scan, found.motion)
     shift = _step(scan, found.motion)
-    doubts = _doubts(found, moved.position - scan.position, limits)
+    doubts = size or _doubts(found, moved.position - scan.position, limits)
     return Placed(moved, shift, _angle(found.motion), found.residual, found.overlap, before, doubts, _open_words(found))
 
 
 def hold(
-    placed: Placed, held: Held, believed: PosedScan, shown: Callable[[PosedScan], np.ndarray], is_misfit: bool
+    placed: Placed,
+    held: Held,
+    believed: PosedScan,
+    shown: Callable[[PosedScan], np.ndarray],
+    is_misfit: bool,
+    in_file: InFile | None = None,
 ) -> Placed:
     """A scan where others hold it, and how well it fits the prior there.
 
@@ -135,12 +151,14 @@ def hold(
         believed: as it was given; its points are not asked for.
         shown: what the prior shows (M, 3) [m] from where a scan is.
         is_misfit: whether it fits the prior alone from nowhere.
+        in_file: as of `place`.
 
     Raises:
         Misfit: the prior has nothing in view from there.
     """
     there = _moved(placed.scan, held.motion)
-    fit, others = place(there, shown(there), refine=False), f"{held.others} other scan{'s' * (held.others > 1)}"
+    fit = place(there, shown(there), refine=False, in_file=in_file)
+    others = f"{held.others} other scan{'s' * (held.others > 1)}"
     alone = "it fits nothing of the model by itself" if is_misfit else (
         f"the model alone would have it {length_in_words(np.linalg.norm(there.position - placed.scan.position))} away"
     )  # fmt: skip
@@ -197,14 +215,19 @@ def _is_far(found: Registration, scan: PosedScan) -> bool:
 
 
 def _once_more(
-    found: Registration, scan: PosedScan, every: int, shown: Callable[[PosedScan], np.ndarray], in_sight_only: bool
+    found: Registration,
+    scan: PosedScan,
+    every: int,
+    shown: Callable[[PosedScan], np.ndarray],
+    in_sight_only: bool,
+    zero: np.ndarray | None,
 ) -> Registration:
     """Registered again from where a first registration ended, with what that says of the start."""
     there = _moved(scan._replace(points=scan.points[::every]), found.motion)
     prior = shown(there)
     if len(prior) < LEAST_POINTS:
         return found
-    again = register(there.points, prior, there.position, in_sight_only=in_sight_only)
+    again = register(there.points, prior, there.position, in_sight_only=in_sight_only, zero=zero)
     motion = again.motion @ found.motion
     if not is_near(_step(scan, motion), np.radians(_angle(motion))):
         return found
@@ -304,6 +327,11 @@ def _doubts(found: Registration, step: np.ndarray, limits: FitLimits) -> tuple[s
     if found.upright < DOUBTED:
         return (f"only {found.upright:.0%} of {_walls_of(found)} lies on walls: is it of this place?", *moved)
     return moved
+
+
+def _scale_words(found: Registration, in_file: InFile | None) -> tuple[str, ...]:
+    scale = found.scale
+    return () if scale is None else (scale_in_words("the scan fits the model better", scale.factor, in_file.unit),)
 
 
 def _rival_words(rival: Rival) -> str:

@@ -14,8 +14,18 @@ import numpy as np
 from jaxmm.formats.cloud_frames import FRAMES, Y_UP_TO_Z_UP, carried_by_file, is_optical, of_sensor
 from jaxmm.formats.poses import OPTICAL, GivenPose
 from jaxmm.formats.readers import PointScan
-from jaxmm.formats.units import ON, Distance, fit_of, thinned
+from jaxmm.formats.units import (
+    FITS,
+    ON,
+    Distance,
+    Fit,
+    fit_of,
+    scale_in_words,
+    thinned,
+    unit_that_fits,
+)
 from jaxmm.inputs import InputError
+from jaxmm.rays.scales import LEAST_OFF
 from jaxmm.rays.scan_rays import overtaken
 from jaxmm.vectors import lengths
 from jaxmm.verdicts.priors import MOST_BEHIND, Prior, distance_from
@@ -220,9 +230,16 @@ def as_it_fits(
 
 
 def frame_that_fits(
-    prior: Prior, scan: PointScan, given: GivenPose | None, frame: str | None, unit: float | None, least: float = LEAST
+    prior: Prior,
+    scan: PointScan,
+    given: GivenPose | None,
+    frame: str | None,
+    unit: float | None,
+    least: float | None = None,
 ) -> str:
     """How else far more of a scan would lie on the prior, from the same pose, in words; "" for not at all.
+
+    Read otherwise, or at another size.
 
     Args:
         prior: what it should lie on.
@@ -230,25 +247,33 @@ def frame_that_fits(
         given: its pose.
         frame: as stated, see `own_scan`.
         unit: [m] of its points if it is known.
-        least: share of its points that must lie on the prior then.
+        least: share of its points that must lie on the prior then, as it is read in another frame; None: LEAST, and
+            the size is asked about, too.
     """
-    if scan.frame is not None:  # the format tells it
-        return ""
-    shares, scan = {}, scan._replace(points=thinned(scan.points))
+    fits, scan = {}, scan._replace(points=thinned(scan.points))
     distance, grid = distance_from(prior), map_grid(prior)
     distances = (distance, *(() if grid is None else (lambda points, reach: distance(grid.back(points), reach),)))
-    stated = max(_on(one, distances, unit) for one in own_scan(scan, given, frame).ways())
-    for other in FRAMES:
+    ways = own_scan(scan, given, frame).ways()
+    stated = max((_fit_on(one, distances, unit) for one in ways), key=_on)
+    for other in FRAMES if scan.frame is None else ():  # else the format tells it
         try:
             own = own_scan(scan, given, other)
         except InputError:  # without a pose there are no other frames
             continue
-        shares[f"with --frame {other}"] = _on(own, distances, unit)
-    if frame in (None, "world"):
+        fits[f"with --frame {other}"] = _fit_on(own, distances, unit)
+    if frame in (None, "world") and scan.frame is None:
         for how, points in ((TURN_IT, scan.points @ Y_UP_TO_Z_UP), (SWAP_IT, scan.points[:, [1, 0, 2]])):
-            shares[how] = _on(own_scan(scan._replace(points=points), given, "world"), distances, unit)
-    best = max(shares, key=shares.get)
-    if shares[best] <= max(least, 2.0 * stated):
+            own = own_scan(scan._replace(points=points), given, "world")
+            fits[how] = _fit_on(own, distances, unit)
+    if least is None:
+        size = max((unit_that_fits(one.thin, one.to(way)) for one in ways for way in distances), key=_on)
+        factor = size.unit / (unit or 1.0)
+        others = max(fit.upright for fit in (stated, *fits.values()))
+        if size.upright >= FITS and abs(factor - 1.0) > LEAST_OFF and size.upright > CLEARER * others:
+            return scale_in_words("", factor, unit or 1.0).strip()
+    best = max(fits, key=lambda name: fits[name].on, default="")
+    shares = {name: fit.on for name, fit in fits.items()}
+    if not best or shares[best] <= max(least or LEAST, 2.0 * stated.on):
         return ""
     optical = "with --frame optical"
     if best == "with --frame sensor" and shares[best] - shares[optical] < ALIKE:  # the same place in both
@@ -257,8 +282,13 @@ def frame_that_fits(
     return best
 
 
-def _on(scan: OwnScan, distances: Sequence[Distance], unit: float | None) -> float:
-    return max(fit_of(scan.thin, scan.to(distance), unit).on for distance in distances)
+def _fit_on(scan: OwnScan, distances: Sequence[Distance], unit: float | None) -> Fit:
+    """How a scan lies on the nearer of some priors."""
+    return max((fit_of(scan.thin, scan.to(distance), unit) for distance in distances), key=_on)
+
+
+def _on(fit: Fit) -> float:
+    return fit.on
 
 
 def _as_sensor(scan: PointScan) -> tuple[PointScan, Motion]:

@@ -1,5 +1,7 @@
 """One scan in any frame ends in the same verdicts, and whoever states a wrong frame hears of the right one."""
 
+import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -136,6 +138,17 @@ def test_a_frame_that_does_not_fit_is_refused_by_the_name_of_the_one_that_does(r
     assert "\n" not in str(told.value) and path.name in str(told.value)
 
 
+@pytest.mark.parametrize(
+    "factor, unit, right", [(10.0, None, r"decimetres \(--unit 0\.1\)"), (1.0, 0.001, r"metres \(--unit 1\)")]
+)
+def test_a_unit_that_does_not_fit_is_refused_by_the_name_of_the_one_that_does(room, factor, unit, right):
+    """And by none of a frame, in which more of it lies on the prior by chance."""
+    ifc, _, scan = room
+    np.save(scan.folder / "sized.npy", scan.world * factor)
+    with pytest.raises(InputError, match=rf"its points do lie on the prior at .* its size: are its units {right}\?$"):
+        detect(ifc, scan.folder / "sized.npy", GIVEN, reading=Reading(unit=unit), settings=SETTINGS)
+
+
 @pytest.mark.parametrize("axes", ["sensor", "optics"])
 def test_a_pose_of_the_points_axes_names_the_frame_by_where_they_lie(room, axes):
     """A matrix or quaternion takes the points to the same place in either frame; a camera sees what is before it."""
@@ -149,6 +162,19 @@ def test_a_pose_of_the_points_axes_names_the_frame_by_where_they_lie(room, axes)
     right = "sensor" if axes == "sensor" else "optical"
     with pytest.raises(InputError, match=rf"--frame {right}$"):
         detect(ifc, scan.folder / "turned.npy", poses, settings=SETTINGS)
+
+
+@pytest.mark.long
+def test_a_unit_that_nearly_fits_is_told_by_its_name(room):
+    """Of yards that are read as metres hardly more than one wall of each pair comes to lie on the model."""
+    ifc, _, scan = room
+    np.save(scan.folder / "yards.npy", scan.world / 0.9144)
+    words = r"at 0\.91. times its size: are its units yards \(--unit 0\.9144\)\?"
+    with pytest.raises(InputError, match=rf"{words}$"):
+        detect(ifc, scan.folder / "yards.npy", GIVEN, settings=SETTINGS)
+    believed = dataclasses.replace(SETTINGS, refine=False)
+    found = detect(ifc, scan.folder / "yards.npy", GIVEN, settings=believed)
+    assert re.search(words, " ".join(found.doubts))
 
 
 def test_a_viewpoint_that_fits_neither_way_is_refused_saying_so(room):
