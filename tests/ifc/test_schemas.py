@@ -85,3 +85,25 @@ def test_an_element_without_its_place_or_a_part_of_its_body_is_said_to_be_missin
     assert [(one.name, "is of an unknown class" in one.reason) for one in building.failures] == [("second", True)]
     assert building.notes[0] == "entities of classes that the schema lacks were left out: IFCNEWTHING"
     assert span(building, "first")[1, 0] < 1.0
+
+
+@pytest.mark.parametrize(
+    "begin, old, new",
+    [
+        pytest.param("IFCCOLUMN(", ",$,", ",#9999,", id="author"),
+        pytest.param("IFCGEOMETRICREPRESENTATIONCONTEXT(", ",$)", ",#9999)", id="north"),
+        pytest.param(
+            "IFCPRODUCTDEFINITIONSHAPE($,$,", "(#", "(#8001,#",
+            id="axis",
+        ),
+    ],
+)  # fmt: skip
+def test_an_element_that_lacks_what_is_no_part_of_its_body_is_as_it_was(tmp_path, begin, old, new):
+    path, text = tmp_path / "model.ifc", text_of("IFC4")
+    body = re.search(r"(#\d+)=IFCGEOMETRICREPRESENTATIONSUBCONTEXT", text)[1]
+    axis = f"#8000=IFCNEWTHING(1.);\n#8001=IFCSHAPEREPRESENTATION({body},'Axis','Curve2D',(#8000));\n"
+    lines = text.replace("DATA;\n", f"DATA;\n{axis}").splitlines(keepends=True)
+    path.write_text("".join(line.replace(old, new, 1) if begin in line else line for line in lines))
+    building = parse_ifc(path, AS_IT_IS)
+    assert building.elements.name == ("first", "second") and not building.failures
+    assert span(building, "second")[0, 0] == pytest.approx(span(building, "first")[0, 0] + 5.0)

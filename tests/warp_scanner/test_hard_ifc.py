@@ -299,7 +299,7 @@ def test_what_all_stand_on_is_told_of_the_file(tmp_path):
 def test_names_may_hold_anything(tmp_path, name):
     path = tmp_path / "named.ifc"
     path.write_text(ifc_text("IFC4").decode().replace(".AREA.,$", f".AREA.,'{name}'"))
-    assert not beyond_the_library(path, ifcopenshell.open(path), 0.001, {})
+    assert not beyond_the_library(path, ifcopenshell.open(path), 0.001, [])
 
 
 @pytest.mark.parametrize("shift, high, made", [(0.0, 1.0, True), (1.0, 1.0, False), (0.0, 2.0, False)])

@@ -46,13 +46,20 @@ def keep_bodies(model: Any, products: list[Any]) -> dict[int, str]:
 
 def _bodies(every: list[Any]) -> list[Any]:
     """Those called Body; where none is, those that nothing tells to be something else."""
-    shown = [one for one in every if getattr(one.ContextOfItems, "TargetView", None) not in _DRAWINGS]
-    called = [one for one in shown if _name(one).casefold() == "body"]
-    return called or [
-        one
-        for one in shown
-        if _name(one).casefold() not in _NO_BODY and (one.RepresentationType or "").strip().casefold() not in _NO_SOLID
-    ]
+    shown = [one for one in every if may_be_body(one)]
+    return [one for one in shown if _is_called_body(one)] or shown
+
+
+def may_be_body(one: Any) -> bool:
+    """Whether nothing tells that an IfcShapeRepresentation is something else of its product."""
+    if getattr(one.ContextOfItems, "TargetView", None) in _DRAWINGS:
+        return False
+    kind = (one.RepresentationType or "").strip().casefold()
+    return _is_called_body(one) or (_name(one).casefold() not in _NO_BODY and kind not in _NO_SOLID)
+
+
+def _is_called_body(one: Any) -> bool:
+    return _name(one).casefold() == "body"
 
 
 def _name(one: Any) -> str:

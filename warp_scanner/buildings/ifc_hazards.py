@@ -12,6 +12,9 @@ import re
 from pathlib import Path
 from typing import Any
 
+from warp_scanner.buildings.ifc_bodies import may_be_body
+from warp_scanner.buildings.ifc_schemas import Lost
+
 _WIDEST = 1e5  # [m] radius that a curve may have
 # What stands where a number should, and exponents beyond 99, whose powers soon are infinite; E+003, of three digits as
 # some programs write them all, is none.
@@ -31,9 +34,14 @@ _GEOMETRY = ("IfcRepresentationItem", "IfcProfileDef", "IfcObjectPlacement")
 # What leads from a number to the products that are made with it.
 _CARRIERS = (*_GEOMETRY, "IfcRepresentation", "IfcRepresentationMap", "IfcRepresentationContext",
              "IfcProductRepresentation")  # fmt: skip
+# Of these only some attributes tell shape or place: an author or the north that a file lacks leave both as they are.
+_PARTS = {
+    "IfcProduct": ("ObjectPlacement", "Representation"),
+    "IfcRepresentationContext": ("WorldCoordinateSystem", "ParentContext"),
+}
 
 
-def beyond_the_library(path: Path, model: Any, unit: float, lost: dict[int, int]) -> dict[int, str]:
+def beyond_the_library(path: Path, model: Any, unit: float, lost: list[Lost]) -> dict[int, str]:
     """For each product whose shape or place holds such a thing, by STEP id, the reason.
 
     Cylinders are made extruded circles, in the model as it is in memory, so they cost nothing.
@@ -42,7 +50,7 @@ def beyond_the_library(path: Path, model: Any, unit: float, lost: dict[int, int]
         path: the STEP text.
         model: the same, parsed.
         unit: [m] of a length in it.
-        lost: of entities that refer to one that is not in the model, its number.
+        lost: its references to nothing.
     """
     reasons: dict[int, str] = {}
     for cylinder in model.by_type("IfcRightCircularCylinder"):
@@ -96,14 +104,17 @@ def _not_made(model: Any) -> list[tuple[Any, str]]:
     return [(one, f"#{one.id()}, {one.is_a()}, is of a kind that the library for IFC cannot make") for one in found]
 
 
-def _without_parts(model: Any, lost: dict[int, int]) -> list[tuple[Any, str]]:
+def _without_parts(model: Any, lost: list[Lost]) -> list[tuple[Any, str]]:
     """Shapes and places that lack a part; without its place an element would stand at the origin."""
-    items = [(model.by_id(user), number) for user, number in lost.items()]
-    return [
-        (item, f"#{item.id()}, {item.is_a()}, refers to #{number}, which is of an unknown class or not in the file")
-        for item, number in items
-        if any(map(item.is_a, (*_CARRIERS, "IfcProduct")))
-    ]
+    found = []
+    for one in lost:
+        item = model.by_id(one.user)
+        kind = next((kind for kind in (*_CARRIERS, "IfcProduct") if item.is_a(kind)), "")
+        attribute = item.attribute_name(one.attribute)
+        if kind and attribute in _PARTS.get(kind, (attribute,)):
+            why = f"refers to #{one.number}, which is of an unknown class or not in the file"
+            found.append((item, f"#{item.id()}, {item.is_a()}, {why}"))
+    return found
 
 
 def _as_it_is(operator: Any) -> bool:
@@ -152,7 +163,10 @@ def _made_with(model: Any, item: Any) -> list[Any]:
     """The products whose shape or place an item is part of, or that it is; what such a one cuts or adds to is, too."""
     products, seen, left = [item] if item.is_a("IfcProduct") else [], {item.id()}, [item]
     while left:
-        for user in model.get_inverse(left.pop()):
+        part = left.pop()
+        if part.is_a("IfcShapeRepresentation") and not may_be_body(part):  # its axis, its footprint
+            continue
+        for user in model.get_inverse(part):
             if user.id() in seen:
                 continue
             if user.is_a("IfcProduct"):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_scanner.buildings.ifc_schemas import parse
+from warp_scanner.buildings.ifc_schemas import Lost, parse
 
 _UNIT = 1e-4  # by which the length of a direction may be off 1, as rounded ratios are
 _BEGIN = 4096  # bytes in which a file says that it is one
@@ -72,10 +72,8 @@ def check_text(path: Path) -> None:
         raise ValueError(f"{path}: expected an IFC file, whose header names its FILE_SCHEMA, found none")
 
 
-def open_model(path: Path) -> tuple[Any, tuple[str, ...], dict[int, int]]:
-    """The parsed file, notes of what had to be mended in it, and which entities refer to one that is not there.
-
-    The last as `ifc_schemas.parse` gives them.
+def open_model(path: Path) -> tuple[Any, tuple[str, ...], list[Lost]]:
+    """The parsed file, notes of what had to be mended in it, and its references to nothing.
 
     Raises:
         ValueError: the library cannot read it; a number stands for several entities.

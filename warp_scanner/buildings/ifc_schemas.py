@@ -8,7 +8,7 @@ element keeps its class and loses its place or its body.
 import re
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 # By how the name of a release begins, those to choose from; of several the one that knows most classes of the file.
 _NEAREST = (("IFC2X2", ("IFC2X3",)), ("IFC2X3", ("IFC2X3",)), ("IFC4", ("IFC4", "IFC4X3_ADD2")))
@@ -16,15 +16,22 @@ _BEGIN = b"ISO-10303-21"
 _HEADER = re.compile(rb"FILE_SCHEMA\s*\(\s*\(\s*'([^']{1,60})'", re.IGNORECASE)
 _ENTITY = re.compile(rb"=\s*(IFC[A-Z0-9]+)\s*\(", re.IGNORECASE)
 _UNKNOWN = re.compile(r"Entity with name '(\w+)' not found in schema")
-_LOST = re.compile(r"Instance reference #(\d+) used by instance #(\d+) at attribute index \d+ not found")
+_LOST = re.compile(r"Instance reference #(\d+) used by instance #(\d+) at attribute index (\d+) not found")
 
 
-def parse(ifcopenshell: Any, path: Path) -> tuple[Any, tuple[str, ...], dict[int, int]]:
+class Lost(NamedTuple):
+    """A reference to an entity that is not in the model."""
+
+    user: int  # STEP id of what refers to it
+    attribute: int  # by which of its attributes, from 0 on
+    number: int  # STEP id of what is not there
+
+
+def parse(ifcopenshell: Any, path: Path) -> tuple[Any, tuple[str, ...], list[Lost]]:
     """The model of a plain IFC file.
 
     Returns:
-        The model; notes of what it was read as, and without; and of entities that refer to one that is not in the
-        model, by their STEP id, the STEP id of that.
+        The model; notes of what it was read as, and without; and its references to nothing.
 
     Raises:
         Exception: of whatever kind the library raises; the file is no IFC, or of a schema that nothing here is near to.
@@ -48,7 +55,7 @@ def parse(ifcopenshell: Any, path: Path) -> tuple[Any, tuple[str, ...], dict[int
     if unknown := sorted(set(_UNKNOWN.findall(said))):
         shown = ", ".join(unknown[:5]) + (f" and {len(unknown) - 5} more" if len(unknown) > 5 else "")
         notes += (f"entities of classes that the schema lacks were left out: {shown}",)
-    return model, notes, {int(user): int(lost) for lost, user in _LOST.findall(said)}
+    return model, notes, [Lost(int(user), int(place), int(lost)) for lost, user, place in _LOST.findall(said)]
 
 
 def _retold(ifcopenshell: Any, text: bytes) -> tuple[bytes, str, str] | None:
@@ -66,7 +73,7 @@ def _retold(ifcopenshell: Any, text: bytes) -> tuple[bytes, str, str] | None:
         near = next((some for start, some in _NEAREST if named.startswith(start)), ())
         if not near:
             return None
-        used = {name.decode() for name in _ENTITY.findall(text)}
+        used = {found[1].decode().upper() for found in _ENTITY.finditer(text)}
         schema = min(near, key=lambda name: len(used - _classes(library, name)))
     elif not begin:
         return None
