@@ -81,7 +81,8 @@ def unit_that_fits(points: np.ndarray, distance: Distance) -> Fit:
 
 def scale_in_words(fits: str, factor: float, unit: float = 1.0) -> str:
     """That a scan, as words say, fits at another size: a factor times the one that it has in a unit [m]."""
-    return f"{fits} at {factor:.3g} {SIZED}: {_asked(factor * unit)}"
+    told = f"{float(f'{factor:.3g}'):.15g}"  # 1000, not 1e+03
+    return f"{fits} at {told} {SIZED}: {_asked(factor * unit)}"
 
 
 def _asked(unit: float) -> str:

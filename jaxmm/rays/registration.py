@@ -1,7 +1,7 @@
 """Registration: the small motion that lays a robot scan, taken from about where it is believed, upon the prior.
 
 World frame: metres, z up. N points of the scan. Motions are (4, 4) rigid transforms of the scan about the place of the
-sensor. _Clouds that changed have nothing to lie upon: they are left out by how far off they are, first roughly, then
+sensor. Surfaces that changed have nothing to lie upon: they are left out by how far off they are, first roughly, then
 narrowly. What the surfaces leave open (along a corridor, or before one bare wall) stays as it was believed; and so does
 a scan that hardly fits better elsewhere, whatever of it does not fit.
 
@@ -100,12 +100,12 @@ class _Fit(NamedTuple):
     matches: np.ndarray  # (N,) bool: points that match a surface as steep as theirs
 
     def changed(self, cut: float = CUT) -> float:
-        """_Clouds that do not lie on the prior: up to `cut` [m] off it they count as 0 to 1, beyond as 1."""
+        """Surfaces that do not lie on the prior: up to `cut` [m] off it they count as 0 to 1, beyond as 1."""
         return float(self.weight @ np.minimum(np.square(self.off / cut), 1.0))
 
     @property
     def cost(self) -> float:
-        """_Clouds that changed; a far motion counts as up to FAR of them."""
+        """Surfaces that changed; a far motion counts as up to FAR of them."""
         return self.changed() + _far(self.motion)
 
     def upon(self, most: float) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxmm.formats.units import LEAST_OVERLAP, UNITS, fit_of
+from jaxmm.formats.units import LEAST_OVERLAP, UNITS, fit_of, scale_in_words
 from jaxmm.verdicts.priors import distance_from, prior_of_building, prior_of_cloud
 from warp_scanner.buildings.room_buildings import building_of_room
 from warp_scanner.scenes.scenes import BOX, FLOOR, WALL, Primitives
@@ -88,3 +88,15 @@ def test_points_in_the_sensors_frame_are_not_taken_for_feet(place):
     elsewhere = fit_of((points - place)[points[:, 0] > 9] * 0.9 + [0, 0, 30], distance)
     assert elsewhere.unit == 1.0 and elsewhere.share < LEAST_OVERLAP
     assert fit_of(points - place, distance).unit == 1.0
+
+
+@pytest.mark.parametrize(
+    "factor, unit, words",
+    [
+        (0.9144, 1.0, "0.914 times its size: are its units yards (--unit 0.9144)?"),
+        (1000.4, 0.001, "1000 times its size: are its units metres (--unit 1)?"),
+        (1.1, 1.0, "1.1 times its size: check its unit (--unit 1.1 would fit), and that of the prior (--prior-unit)"),
+    ],
+)
+def test_another_size_is_told_in_plain_numbers(factor, unit, words):
+    assert scale_in_words("it fits", factor, unit) == f"it fits at {words}"
