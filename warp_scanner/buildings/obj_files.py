@@ -67,7 +67,7 @@ def remarks_on_end(path: Path) -> tuple[str, ...]:
     """What is to be said of a file that ends within a line that may be whole."""
     if not unended_line(path).startswith("f"):
         return ()
-    return ("its last line has no end: if the file was cut off there, its last face is not whole, and others are missing",)
+    return ("its last line has no end: if the file was cut off there, its last face is not whole, and more is missing",)
 
 
 def _lines(path: Path) -> tuple[list[str], dict[tuple[int, str, str], list[_Face]]]:
