@@ -5,9 +5,8 @@
 # A good guess: both hold points as doubles, which are exact to a nanometre there, so `estimate_normals` gives what it
 #   gives at the origin: 0, 0, 1.
 # What happens: the spread of neighbours is what is left of squares of their coordinates, and at 5,000 km these are
-#   known to 40 square centimetres only. Every other normal is more than 10 degrees off, without a word; what is
-#   built on them (point to plane, region growing, Poisson, GICP) is as wrong. Nothing is seen at 460 km. Open3D's
-#   newer `t.geometry` is right at every place.
+#   known to 40 square centimetres only. Every other normal is more than 10 degrees off, without a word. Nothing is
+#   seen at 460 km. Open3D's newer `t.geometry` is right at every place.
 # Seen:
 #   open3d 0.20.0
 #   a level floor of 20,000 points; normals that are more than 10 degrees off 0, 0, 1

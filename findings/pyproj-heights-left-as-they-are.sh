@@ -59,7 +59,7 @@ for name, system, place, degrees in (
         f"{how} {z if isinstance(z, str) else f'z = {z[2]}'}" for how, z in told.items()))
     print(f"          warnings: {len(warned)}; accuracy told: {used.accuracy}")
     for how in ("by default", "only_best"):
-        stated &= told[how][2] == place[2] and max(abs(a - b) for a, b in zip(told[how], degrees, strict=False)) < 1e-3
+        stated &= told[how][2] == place[2] and max(abs(a - b) for a, b in zip(told[how], degrees, strict=False)) < 2e-5
     stated &= told["no ballpark"] == "ProjError" and not warned and used.accuracy == -1
     stated &= "without ellipsoid height to vertical height correction" in used.description
 print("as stated" if stated else "NO LONGER AS STATED")
