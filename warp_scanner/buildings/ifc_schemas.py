@@ -10,8 +10,12 @@ import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
-# By how the name of a release begins, those to choose from; of several the one that knows most classes of the file.
-_NEAREST = (("IFC2X2", ("IFC2X3",)), ("IFC2X3", ("IFC2X3",)), ("IFC4", ("IFC4", "IFC4X3_ADD2")))
+# By how the name of a release begins, those to choose from, the nearest first; of several that which knows most classes
+# of the file: IFC4X3 has other attributes than IFC4 in some, as in IfcGridPlacement.
+_NEAREST = (
+    ("IFC2X2", ("IFC2X3",)), ("IFC2X3", ("IFC2X3",)), ("IFC4X3", ("IFC4X3_ADD2", "IFC4")),
+    ("IFC4", ("IFC4", "IFC4X3_ADD2")),
+)  # fmt: skip
 _BEGIN = b"ISO-10303-21"
 _HEADER = re.compile(rb"FILE_SCHEMA\s*\(\s*\(\s*'([^']{1,60})'", re.IGNORECASE)
 _ENTITY = re.compile(rb"=\s*(IFC[A-Z0-9]+)\s*\(", re.IGNORECASE)
