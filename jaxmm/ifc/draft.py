@@ -1,5 +1,6 @@
 """An IFC model that is being edited, and the book that is kept of every entity touched."""
 
+import re
 import uuid
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -10,11 +11,12 @@ from jaxmm.ifc.text_edits import Edit, edit_text
 from jaxmm.ifc.undo import sha256
 from jaxmm.inputs import InputError, one_line
 from warp_scanner.buildings.ifc_model import import_ifcopenshell
-from warp_scanner.buildings.ifc_schemas import parse
+from warp_scanner.buildings.ifc_schemas import Lost, parse
 from warp_scanner.buildings.ifc_zips import ifc_text, plain_file
 
 SOFTWARE = "jaxmm"
 _FAMILY = uuid.UUID("0d8a1f3e-9d1c-5d0b-8f0e-3c5a6a1d7b42")  # GlobalIds are names in this family
+_NUMBER = re.compile(rb"#\s*(\d{1,9})\s*=")
 
 
 class Draft:
@@ -121,13 +123,24 @@ def open_draft(prior: Path, when: datetime | None, date: str | None) -> tuple[by
     try:
         original = ifc_text(prior)
         with plain_file(prior) as plain:
-            model, _, _ = parse(ifcopenshell, plain)
+            model, _, lost = parse(ifcopenshell, plain)
+        _number_behind(model, original, lost)
     except OSError as error:
         raise InputError(f"{prior}: cannot be read: {error.strerror}") from error
     except Exception as error:  # the parser raises classes of its own, and plain ones on unknown schemas
         raise InputError(f"{prior}: not a readable IFC file: {one_line(error)}") from error
     when = when or (datetime.fromisoformat(date) if date else datetime.now(UTC))
     return original, Draft(ifcopenshell, model, sha256(original), when)
+
+
+def _number_behind(model: Any, text: bytes, lost: list[Lost]) -> None:
+    """Let new entities be numbered behind all that a file has or refers to, also what the library left out of it."""
+    numbers = (int(found[1]) for found in _NUMBER.finditer(text))
+    last = max((*numbers, *(one.number for one in lost)), default=0)
+    try:
+        model.by_id(last)
+    except RuntimeError:  # it is not in the model
+        model.remove(model.create_entity("IfcCartesianPoint", (0.0, 0.0), id=last))
 
 
 def _line(entity: Any) -> bytes:

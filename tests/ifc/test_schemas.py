@@ -109,3 +109,13 @@ def test_an_element_that_lacks_what_is_no_part_of_its_body_is_as_it_was(tmp_path
     building = parse_ifc(path, AS_IT_IS)
     assert building.elements.name == ("first", "second") and not building.failures
     assert span(building, "second")[0, 0] == pytest.approx(span(building, "first")[0, 0] + 5.0)
+
+
+@pytest.mark.parametrize("line", ["#{}=IFCNEWTHING(1.);", "#{}=IFCNEWTHING(#8000);", ""])
+def test_new_entities_take_no_number_that_the_file_has_or_refers_to(tmp_path, line):
+    path, text = tmp_path / "model.ifc", text_of("IFC4")
+    last = max(map(int, re.findall(r"#(\d+)=", text))) + 1
+    author = text.replace(",$,'second'", f",#{last},'second'")
+    path.write_text(author.replace("DATA;\n", f"DATA;\n{line.format(last)}\n"))
+    _, draft = open_draft(path, None, "2026-01-01T00:00:00")
+    assert draft.create("IfcCartesianPoint", (0.0, 0.0, 0.0)).id() == last + 1
