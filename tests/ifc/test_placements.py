@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.warp_scanner.test_hard_ifc import Model, read
 from warp_scanner.rooms.rooms import RoomConfig, make_rooms
 
 ifcopenshell = pytest.importorskip("ifcopenshell")
@@ -47,3 +48,26 @@ def test_a_storey_is_as_high_as_it_stands(model, tmp_path):
     model.write(str(tmp_path / "askew.ifc"))
     building = read_ifc(tmp_path / "askew.ifc")
     assert building.storeys.elevation[0] + building.origin[2] == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(
+    "at, turned", [((0, 0, 0), None), ((-0.0, 0, 0), (1, 0, 0)), ((5, 0, 0), None), ((0, 0, 0), (0, 1, 0))]
+)
+@pytest.mark.parametrize("name", ["Body", "Box"])
+def test_elements_mapped_from_another_origin_are_named(tmp_path, name, at, turned):
+    made = Model()
+    body = made.box((0, 0, 0), (1, 1, 3))
+    axes = made.axes(*at)
+    if turned:
+        axes.Axis, axes.RefDirection = (made.new("IfcDirection", tuple(map(float, way))) for way in ((0, 0, 1), turned))
+    source = made.new("IfcRepresentationMap", axes, made.box((0, 0, 0), (1, 1, 3), name))
+    target = made.new(
+        "IfcCartesianTransformationOperator3D", None, None, made.new("IfcCartesianPoint", (0.0, 0.0, 0.0))
+    )
+    item = made.new("IfcMappedItem", source, target)
+    shown = [made.new("IfcShapeRepresentation", made.body, name, "MappedRepresentation", [item])]
+    made.product("IfcColumn", "mapped", *shown, *([body] if name == "Box" else []))
+    made.product("IfcColumn", "square", body)
+    told = [note for note in read(made.file, tmp_path).notes if "MappingOrigin" in note]
+    doubted = name == "Body" and (at[0] == 5 or turned == (0, 1, 0))
+    assert [note.rpartition(": ")[2] for note in told] == ["mapped"] * doubted

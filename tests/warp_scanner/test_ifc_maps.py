@@ -147,6 +147,19 @@ def test_a_map_without_a_unit_has_the_files_or_metres_where_its_scale_leads_to_t
     np.testing.assert_allclose(matrix[0, 0], 0.9996 if scale == 0.001 * 0.9996 else 1.0)
 
 
+@pytest.mark.parametrize("x", [0.0, 5.0])
+def test_a_world_that_is_moved_is_said_where_there_is_a_map(room, tmp_path, x):
+    model = ifcopenshell.open(str(room[0]))
+    for context in model.by_type("IfcGeometricRepresentationContext", include_subtypes=False):
+        point = model.create_entity("IfcCartesianPoint", (x, 0.0, 0.0))
+        context.WorldCoordinateSystem = model.create_entity("IfcAxis2Placement3D", point)
+    assert to_map(model, 1.0)[0] is None
+    convert(model, Eastings=155e3, Northings=463e3, OrthogonalHeight=0.0)
+    matrix, notes = to_map(model, 1.0)
+    assert [note.split()[1] for note in notes] == ["WorldCoordinateSystem"] * (x != 0.0)
+    np.testing.assert_allclose(matrix[:3, 3], [155e3, 463e3, 0.0])
+
+
 def with_sets(model, unit_name=None, name="ePset_MapConversion", **values):
     """Give the model's site the property sets that stand for an IfcMapConversion in IFC2X3."""
     site = model.by_type("IfcSite")[0]

@@ -23,7 +23,7 @@ from warp_scanner.buildings import kept_models
 from warp_scanner.buildings.arrays import packed, unpacked
 from warp_scanner.buildings.ifc_bodies import keep_bodies
 from warp_scanner.buildings.ifc_grids import place_by_grids
-from warp_scanner.buildings.ifc_hazards import beyond_the_library
+from warp_scanner.buildings.ifc_hazards import beyond_the_library, mapped_from_elsewhere
 from warp_scanner.buildings.ifc_maps import to_map
 from warp_scanner.buildings.ifc_model import (
     check_installed,
@@ -176,7 +176,10 @@ def _building(path: Path, options: ReadOptions) -> Building:
     placed, assumed = to_map(model, unit)
     projects = map(identity_of, model.by_type("IfcProject"))
     project = next((guid for guid in projects if not guid.startswith("#")), None)
-    told = notes + left_out + repeated + assumed
+    elsewhere = mapped_from_elsewhere(model)
+    named = [product.Name or guids[product.id()] for product in products if product.id() in elsewhere]
+    doubted = ("a MappingOrigin that is not zero is read in two ways; these may stand elsewhere: " + _listed(named),)
+    told = notes + left_out + repeated + assumed + (doubted if named else ())
     wholes = tuple(
         Whole(guids[whole.id()], whole.is_a(), whole.Name or "", _storey_of(whole, rows), tuple(guids[n] for n in own))
         for whole, own in put_together(pieces)

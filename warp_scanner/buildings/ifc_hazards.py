@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from warp_scanner.buildings.ifc_bodies import may_be_body
+from warp_scanner.buildings.ifc_model import at_zero
 from warp_scanner.buildings.ifc_schemas import Lost
 
 _WIDEST = 1e5  # [m] radius that a curve may have
@@ -60,6 +61,16 @@ def beyond_the_library(path: Path, model: Any, unit: float, lost: list[Lost]) ->
         for product in _made_with(model, item):
             reasons.setdefault(product.id(), why)
     return reasons
+
+
+def mapped_from_elsewhere(model: Any) -> set[int]:
+    """STEP ids of products that show a representation whose MappingOrigin moves or turns it.
+
+    The standard can be read in two ways: it is a place for what is mapped, as the library takes it, or a point of it
+    that comes to lie on the target, which is its inverse.
+    """
+    sources = [one for one in model.by_type("IfcRepresentationMap") if not at_zero(one.MappingOrigin)]
+    return {product.id() for source in sources for product in _made_with(model, source)}
 
 
 def _without_number(path: Path, model: Any) -> list[tuple[Any, str]]:

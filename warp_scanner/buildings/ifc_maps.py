@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from warp_scanner.buildings.ifc_model import at_zero
+
 _STRETCH = 0.01  # a map projection's scale differs from 1 by less; what differs by more is a confusion of units
 _SETS = {"conversion": "epset_mapconversion", "system": "epset_projectedcrs"}  # written in any case
 _UNITS = {"METRE": 1.0, "METER": 1.0, "M": 1.0, "MILLIMETRE": 0.001, "MILLIMETER": 0.001, "MM": 0.001,
@@ -54,6 +56,9 @@ def to_map(model: Any, unit: float) -> tuple[np.ndarray | None, tuple[str, ...]]
     matrix = np.eye(4)
     matrix[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
     matrix[:3, :3] *= factors
+    contexts = model.by_type("IfcGeometricRepresentationContext", include_subtypes=False)
+    if not all(at_zero(context.WorldCoordinateSystem) for context in contexts):
+        notes += ("its WorldCoordinateSystem is moved or turned; taken as zero, so scans on a map grid may not fit it",)
     place = [values.get(name) or 0.0 for name in ("Eastings", "Northings", "OrthogonalHeight")]
     matrix[:3, 3] = np.array(place, float) * metres
     return matrix, notes

@@ -12,6 +12,8 @@ import numpy as np
 from warp_scanner.buildings.ifc_schemas import Lost, parse
 
 _UNIT = 1e-4  # by which the length of a direction may be off 1, as rounded ratios are
+_STILL = (("Location", "Coordinates", (0.0, 0.0, 0.0)), ("Axis", "DirectionRatios", (0.0, 0.0, 1.0)),
+          ("RefDirection", "DirectionRatios", (1.0, 0.0, 0.0)))  # fmt: skip
 _BEGIN = 4096  # bytes in which a file says that it is one
 MISSING = "reading IFC needs the extra ifc: pip install 'jaxmm[ifc]'"
 
@@ -139,6 +141,12 @@ def own_matrix(placement: Any) -> np.ndarray:
     # within; its y and z are right.
     matrix[:3, 0] = np.cross(matrix[:3, 1], matrix[:3, 2])
     return matrix
+
+
+def at_zero(axes: Any) -> bool:
+    """Whether an IfcAxis2Placement, or none, moves and turns nothing."""
+    parts = ((getattr(getattr(axes, part, None), numbers, None), still) for part, numbers, still in _STILL)
+    return all(found in (None, still, still[:2]) for found, still in parts)
 
 
 def unit_scale(model: Any, path: Path | str) -> float:
