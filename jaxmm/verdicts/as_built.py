@@ -183,7 +183,8 @@ def _open_by(one: Deviation) -> float:
         return 0.0
     if not is_told(one):
         return MOST_OPEN
-    return min(one.half, MOST_OPEN) if one.half > MOST_HALF else 0.0
+    # What is wider open has two places, by poses apart from each other: as it is, it is beyond or another moved.
+    return one.half if MOST_HALF < one.half <= MOST_OPEN else 0.0
 
 
 def _step(one: Deviation) -> tuple[np.ndarray, np.ndarray]:

@@ -38,3 +38,15 @@ def test_a_wall_that_stands_within_reach_but_for_the_pose_is_not_gone(by, pose_o
 @pytest.mark.parametrize("by", [0.43, -0.44])
 def test_a_wall_that_stands_farther_off_than_a_pose_may_be_is_another(by):
     assert EAST not in stands(by, 0.0, REGISTERED)
+
+
+@pytest.mark.parametrize("wall", [EAST, EAST - 1])
+@pytest.mark.parametrize("by", [0.36, 0.40, -0.36, -0.40])
+def test_of_two_walls_one_of_which_moved_farther_neither_is_taken_for_near_by_the_other(wall, by):
+    """In a closed room it is open which of the two moved, so that each may be in its place or far beyond."""
+    prior = prior_of_building(building_of(HALL[:FREE]))
+    there = moved(prior.building.triangles, wall, (by, 0.0, 0.0))
+    rays = seen(there, np.array([0.5, 0.3, 1.5]) - prior.origin, 0.003)
+    rays = rays._replace(position=rays.position + np.array([0.03, 0.0, 0.0]))
+    faces = faces_of(prepare(prior.building.triangles), rays, REGISTERED)
+    assert wall not in as_built(prior, [faces], [], lambda there, rows: [], DetectSettings()).found
