@@ -4,7 +4,7 @@
 # Library: web-ifc 0.0.78 (npm); the model is written, and made for comparison, by ifcopenshell 0.9.0.post1.
 # A good guess: a circle is made fine enough that what is shown lies within a millimetre or so of what the file says,
 #   as IfcOpenShell does; or at least of as many corners as the setting CIRCLE_SEGMENTS tells.
-# What happens: it has 12 segments unless told otherwise, however wide the circle, and one of them has no length: there
+# What happens: it has 12 segments unless told otherwise, and one of them has no length: there
 #   are 11 corners, and 47 of 48. A column of 1 m radius has sides up to 41 mm inside its surface. Distances between a
 #   scan and such a model tell of a column that is out of round.
 # Seen:

@@ -87,10 +87,19 @@ def scale_in_words(fits: str, factor: float, unit: float = 1.0) -> str:
 
 def _asked(unit: float) -> str:
     """What a user is asked about a unit [m] that fits."""
-    near = [(length, name) for length, name in {**UNITS, **OTHER_UNITS}.items() if abs(unit / length - 1.0) < CLOSELY]
+    near = [(length, name) for length, name in {**UNITS, **OTHER_UNITS}.items() if _is_close(unit, length)]
     if not near:
         return f"check its unit (--unit {unit:.4g} would fit), and that of the prior (--prior-unit)"
     return "are its units {1} (--unit {0:g})?".format(*near[0])
+
+
+def is_in_use(unit: float) -> bool:
+    """Whether a unit [m] is one of those that scans are in."""
+    return any(_is_close(unit, length) for length in (*UNITS, *OTHER_UNITS))
+
+
+def _is_close(unit: float, length: float) -> bool:
+    return abs(unit / length - 1.0) < CLOSELY
 
 
 def height(points: np.ndarray) -> float:

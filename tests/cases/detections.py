@@ -120,3 +120,11 @@ def named(names):
 
 def rows_of(text):
     return list(csv.DictReader(io.StringIO(text, newline=""), strict=True))
+
+
+def thinned(detection: Detection) -> Detection:
+    """The same with a tenth of the points, for speed."""
+    drawing = detection.drawing
+    names = [f"{side}{name}" for side in ("robot", "prior") for name in ("", "_probability", "_evidence")]
+    thin = {name: getattr(drawing, name)[::10] for name in (*names, "robot_scan", "prior_element")}
+    return detection._replace(drawing=drawing._replace(**thin))

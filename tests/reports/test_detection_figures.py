@@ -1,9 +1,6 @@
 """Figures of a detection: the geometry that they draw is right, and every kind of detection can be drawn."""
 
-import gc
 import io
-import tracemalloc
-import weakref
 
 import matplotlib.image
 import numpy as np
@@ -11,15 +8,14 @@ import pytest
 import trimesh
 from matplotlib.text import Text
 
-from jaxmm import vectors
-from jaxmm.reports import detection_figures, figures, snapshots
+from jaxmm.reports import figures
 from jaxmm.reports.detection_figures import MOST_POINTS, panels_of, probability_figure, write_figures
 from jaxmm.reports.panorama import box_edges, in_view, seen_from, sensor_frame
 from jaxmm.reports.plan_cut import cut_surfaces
 from jaxmm.reports.plan_figure import draw_plan, plan_figure
 from jaxmm.reports.plan_levels import footprint, level_of_mismatches, levels_of
 from jaxmm.verdicts.results import Mismatch
-from tests.cases.detections import true_case
+from tests.cases.detections import thinned, true_case
 from warp_scanner.sensors.poses import rotation_of
 
 GRID = np.array([192_340.125, 444_123.375, 12.5])  # [m] a place on a national grid
@@ -41,10 +37,7 @@ def coarse(monkeypatch):
 @pytest.fixture(scope="module")
 def sparse(removed):
     """The same with a tenth of the points, for speed."""
-    drawing = removed.drawing
-    names = [f"{side}{name}" for side in ("robot", "prior") for name in ("", "_probability", "_evidence")]
-    thin = {name: getattr(drawing, name)[::10] for name in (*names, "robot_scan", "prior_element")}
-    return removed._replace(drawing=drawing._replace(**thin))
+    return thinned(removed)
 
 
 def moved(detection, by):
@@ -334,54 +327,3 @@ def test_a_number_in_a_panorama_stands_on_its_box_behind_the_sensor_too(sparse, 
         figure = probability_figure(sparse._replace(scans=scans, mismatches=(one,)), tmp_path / "p.png")
         texts = [text for axes in figure.axes for text in axes.texts if text.get_text() == "1"]
         assert texts and all(abs(text.get_position()[0]) > 150.0 for text in texts)
-
-
-class Figure:
-    """It refers to itself, as figures do."""
-
-    def __init__(self):
-        self.own = self
-
-
-def test_a_figure_is_gone_before_the_next_is_drawn(sparse, tmp_path, monkeypatch):
-    """Its points and its canvas are a third of the memory of the process that draws."""
-    first = []
-    monkeypatch.setattr(detection_figures, "evidence_figure", lambda *_: first.append(weakref.ref(Figure())))
-    left = []
-    monkeypatch.setattr(detection_figures, "probability_figure", lambda *_: left.append(first[0]()))
-    gc.disable()
-    try:
-        write_figures(tmp_path, sparse, ("evidence.png", "probability.png"))
-    finally:
-        gc.enable()
-    assert left == [None]
-
-
-def many(detection, times):
-    """As from so many times as many stations, all of which see the same."""
-    drawing, count = detection.drawing, len(detection.scans)
-    names = [f"{side}{name}" for side in ("robot", "prior") for name in ("", "_probability", "_evidence")]
-    names.append("prior_element")
-    fields = {name: np.concatenate([getattr(drawing, name)] * times) for name in names}
-    scan = np.concatenate([drawing.robot_scan + count * number for number in range(times)])
-    views = tuple(drawing.fields_of_view) * times
-    drawn = drawing._replace(**fields, robot_scan=scan, fields_of_view=views)
-    return detection._replace(drawing=drawn, scans=detection.scans * times)
-
-
-def test_each_more_station_adds_little_to_what_drawing_takes(sparse, monkeypatch):
-    """Stations hand over points; what is worked out of these on the way is of a part of them at a time."""
-    monkeypatch.setattr(vectors, "BLOCK", 2000)
-    for module, name in ((detection_figures, "MOST_POINTS"), (snapshots, "_MOST_POINTS")):
-        monkeypatch.setattr(module, name, 500)
-    one, points = sparse.mismatches[0], len(sparse.drawing.robot) + len(sparse.drawing.prior)
-    camera = snapshots.camera_at(sparse.scans[0].pose, one.center)
-    for draw in (panels_of, lambda detection: snapshots.snapshot(detection.drawing, one, camera)):
-        peaks = []
-        for count in (50_000, 150_000):
-            detection = many(sparse, -(-count // points))
-            tracemalloc.start()
-            draw(detection)
-            peaks.append(tracemalloc.get_traced_memory()[1])
-            tracemalloc.stop()
-        assert (peaks[1] - peaks[0]) / 100_000 < 45, draw  # bytes of each point
