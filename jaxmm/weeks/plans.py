@@ -13,6 +13,7 @@ from jaxmm.reports.markdown import printable
 from jaxmm.weeks.colours import colour_of
 from jaxmm.weeks.history import ABSENT, GONE, OFF, UNKNOWN, Followed, Progress
 from jaxmm.weeks.outlines import Outlines, Rings, Storey
+from jaxmm.weeks.shares import once_each
 
 MOST_LISTED = 24  # weeks in the legend; of more, some
 AROUND = 1.0  # [m] left free
@@ -60,14 +61,13 @@ def draw_plan(progress: Progress, outlines: Outlines, storey: Storey, path: Path
     for ring in storey.others:
         axes.plot(*ring.T, color=PALE, linewidth=0.8, zorder=1)
     by_key = {one.key: one for one in progress.elements}
+    counted = {one.key for one in once_each(progress.elements)}  # as in shares and on the page
     count: dict[object, int] = {}
     for key, rings in storey.elements.items():
         one = by_key[key]
         if one.moments[-1].in_model:
-            kind = _draw(axes, one, rings, len(progress.weeks))
-            count[kind] = count.get(kind, 0) + 1
-            if one.state == OFF:
-                count[OFF] = count.get(OFF, 0) + 1
+            kinds = {_draw(axes, one, rings, len(progress.weeks)), *([OFF] if one.state == OFF else [])}
+            count |= {kind: count.get(kind, 0) + 1 for kind in kinds if key in counted}
     for name, value in zip("xy", outlines.base, strict=True):
         axes.set(**{f"{name}label": f"{name} [m]" if not value else f"{name} - {value:.0f} [m]"})
     title = axes.set_title(f"{printable(storey.name)}, on {progress.labels[-1]}", loc="left")

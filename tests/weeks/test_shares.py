@@ -6,6 +6,7 @@ from jaxmm.ifc.tasks import Task, TaskPlan, with_parents
 from jaxmm.weeks.history import follow
 from jaxmm.weeks.outlines import outlines_of
 from jaxmm.weeks.page import page_data
+from jaxmm.weeks.plans import draw_plan
 from jaxmm.weeks.reports import read_weeks
 from jaxmm.weeks.shares import LATE, OPEN, due_of, shares_of, storeys_of
 from jaxmm.weeks.summary import lines_of
@@ -98,7 +99,8 @@ def test_what_two_files_have_counts_once(tmp_path):
         "'B2' (guid-B2) not built",
     )
     # The page counts as the shares do, and lists every element.
-    page = page_data(progress, outlines_of(progress, None))
+    outlines = outlines_of(progress, None)
+    page = page_data(progress, outlines)
     named_once = sorted(page["elements"][row]["name"] for row in page["counted"])
     assert len(page["elements"]) == 9 and named_once in [["A1", *REST], ["A2", *REST]]
     assert [one.elements for one in shares if one.kind == "all"] == [7] * 4
@@ -106,3 +108,7 @@ def test_what_two_files_have_counts_once(tmp_path):
     assert by_name["Upper floor"].elements == 4  # its pieces are there, the whole is below
     assert by_name["Ground floor"].elements == 4  # A1 or A2, A3, A4, C
     assert by_name["IfcWall"].elements == 6
+    # So do legends of plans, which draw every element.
+    legends = [draw_plan(progress, outlines, one, tmp_path / "plan.png").legends[0] for one in outlines.storeys]
+    words = [text.get_text() for legend in legends for text in legend.get_texts() if "displaced" not in text.get_text()]
+    assert sum(int(one.rsplit(": ", 1)[1]) for one in words) == 7
