@@ -14,7 +14,6 @@ from jaxmm.files import check_empty, write_folder
 from jaxmm.formats.bags import is_bag
 from jaxmm.formats.dates import latest, parse_date
 from jaxmm.formats.poses import SEARCH, AskedPose, GivenPose
-from jaxmm.formats.units import SIZED
 from jaxmm.ifc.projects import write_models_as_built, write_updates
 from jaxmm.inputs import InputError, Misfit, clipped
 from jaxmm.learning.prediction import read_judges
@@ -104,8 +103,6 @@ def detect(
                     stations.each(read_station, read, reading, may_leave_out=True)
                     detection = detect_stations(read, stations, settings)
         except Misfit as error:
-            if SIZED in str(error):  # the cause is known
-                raise
             others = frames_that_fit(read, sources, reading) - {""} or _prior_frames(files_of_prior, sources, reading)
             if len(others) != 1:
                 raise

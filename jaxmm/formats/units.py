@@ -20,7 +20,6 @@ UNITS = {0.001: "millimetres", 0.01: "centimetres", 0.0254: "inches", 0.3048: "f
 OTHER_UNITS = {0.1: "decimetres", 0.9144: "yards", 1.0: "metres"}
 SHORTEST, LONGEST, STEP, FINER = 2e-4, 50.0, 0.015, 3  # [m] of units that are tried, in steps, and these by an eighth
 FEWER = 1000  # points that tell which
-SIZED = "times its size"
 CLOSELY = 0.01  # by which a factor may differ from a unit's, to name that
 _THIN = 4000
 
@@ -70,7 +69,6 @@ def unit_that_fits(points: np.ndarray, distance: Distance) -> Fit:
         distance: to the prior's surface.
     """
     points = points[:: max(1, len(points) // FEWER)]
-
     units = np.exp(np.arange(np.log(SHORTEST), np.log(LONGEST), STEP))
     fits = [_fit(points, distance, float(unit)) for unit in units]
     about = max(fits, key=lambda fit: (fit.upright, fit.on))
@@ -79,27 +77,19 @@ def unit_that_fits(points: np.ndarray, distance: Distance) -> Fit:
     return _fit(points, distance, float(units[np.argmin(apart)]))
 
 
-def scale_in_words(fits: str, factor: float, unit: float = 1.0) -> str:
-    """That a scan, as words say, fits at another size: a factor times the one that it has in a unit [m]."""
+def scale_in_words(factor: float, unit: float = 1.0) -> str:
+    """At which size a scan fits: a factor times the one that it has in a unit [m]."""
     told = f"{float(f'{factor:.3g}'):.15g}"  # 1000, not 1e+03
-    return f"{fits} at {told} {SIZED}: {_asked(factor * unit)}"
+    return f"at {told} times its size: {_asked(factor * unit)}"
 
 
 def _asked(unit: float) -> str:
     """What a user is asked about a unit [m] that fits."""
-    near = [(length, name) for length, name in {**UNITS, **OTHER_UNITS}.items() if _is_close(unit, length)]
-    if not near:
+    named = {**UNITS, **OTHER_UNITS}
+    near = next((length for length in named if abs(unit / length - 1.0) < CLOSELY), None)
+    if near is None:
         return f"check its unit (--unit {unit:.4g} would fit), and that of the prior (--prior-unit)"
-    return "are its units {1} (--unit {0:g})?".format(*near[0])
-
-
-def is_in_use(unit: float) -> bool:
-    """Whether a unit [m] is one of those that scans are in."""
-    return any(_is_close(unit, length) for length in (*UNITS, *OTHER_UNITS))
-
-
-def _is_close(unit: float, length: float) -> bool:
-    return abs(unit / length - 1.0) < CLOSELY
+    return f"are its units {named[near]} (--unit {near:g})?"
 
 
 def height(points: np.ndarray) -> float:

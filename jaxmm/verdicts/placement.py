@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmm.config import bounded
-from jaxmm.formats.units import is_in_use, scale_in_words
+from jaxmm.formats.units import scale_in_words
 from jaxmm.inputs import Misfit
 from jaxmm.rays.joint_poses import Held
 from jaxmm.rays.open_directions import in_words
@@ -127,7 +127,7 @@ def place(
         return as_it_is
     if (refusal := _refusal(found, _is_far(found, scan), limits)) and not _may_have_moved(found, limits):
         if passed is None or not _may_be_new(found, passed()):
-            raise Misfit("; ".join([refusal, *_scale_words(found, in_file, sure=False)]))
+            raise Misfit(refusal)
         return as_it_is._replace(notes=(*size, _all_new(found)))
     moved, shift = _moved(scan, found.motion), _step(scan, found.motion)
     doubts = (*size, *_doubts(found, moved.position - scan.position, limits))
@@ -328,10 +328,9 @@ def _doubts(found: Registration, step: np.ndarray, limits: FitLimits) -> tuple[s
     return moved
 
 
-def _scale_words(found: Registration, in_file: InFile | None, sure: bool = True) -> tuple[str, ...]:
-    scale = found.scale  # where nothing fits, some may do so at any size, as of a scan in another frame
-    told = scale is not None and (sure or is_in_use(scale.factor * in_file.unit))
-    return (scale_in_words("the scan fits the model better", scale.factor, in_file.unit),) if told else ()
+def _scale_words(found: Registration, in_file: InFile | None) -> tuple[str, ...]:
+    scale = found.scale
+    return () if scale is None else (f"the scan fits the model better {scale_in_words(scale.factor, in_file.unit)}",)
 
 
 def _rival_words(rival: Rival) -> str:

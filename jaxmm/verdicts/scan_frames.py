@@ -270,7 +270,7 @@ def frame_that_fits(
         factor = size.unit / (unit or 1.0)
         others = max(fit.upright for fit in (stated, *fits.values()))
         if size.upright >= FITS and abs(factor - 1.0) > LEAST_OFF and size.upright > CLEARER * others:
-            return scale_in_words("", factor, unit or 1.0).strip()
+            return scale_in_words(factor, unit or 1.0)
     best = max(fits, key=lambda name: fits[name].on, default="")
     shares = {name: fit.on for name, fit in fits.items()}
     if not best or shares[best] <= max(least or LEAST, 2.0 * stated.on):

@@ -99,4 +99,4 @@ def test_points_in_the_sensors_frame_are_not_taken_for_feet(place):
     ],
 )
 def test_another_size_is_told_in_plain_numbers(factor, unit, words):
-    assert scale_in_words("it fits", factor, unit) == f"it fits at {words}"
+    assert scale_in_words(factor, unit) == f"at {words}"
