@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from jaxmm.rays.open_directions import GIVEN, information, open_directions
-from jaxmm.rays.scales import Scale, Surfaces, changed_of, scale_of
+from jaxmm.rays.scales import Scale, Surfaces, changed_of, scale_of, surfaces_off
 from jaxmm.vectors import lengths
 
 SPACING = 0.1  # [m] both clouds are thinned to it
@@ -101,7 +101,7 @@ class _Fit(NamedTuple):
 
     def changed(self, cut: float = CUT) -> float:
         """Surfaces that do not lie on the prior: up to `cut` [m] off it they count as 0 to 1, beyond as 1."""
-        return float(self.weight @ np.minimum(np.square(self.off / cut), 1.0))
+        return surfaces_off(self.weight, self.off, cut)
 
     @property
     def cost(self) -> float:

@@ -85,9 +85,14 @@ def scale_of(seen: Surfaces, motions: Iterable[np.ndarray], changed: float, zero
 
 
 def changed_of(seen: Surfaces, linear: np.ndarray, shift: np.ndarray, cut: float = FINE) -> float:
-    """Surfaces that do not lie on the prior after a motion: up to `cut` [m] off it they count as 0 to 1."""
+    """Surfaces that do not lie on the prior after a motion, see `surfaces_off`."""
     off, _, _ = _off(seen, linear, shift)
-    return float(seen.weight @ np.minimum(np.square(off / cut), 1.0))
+    return surfaces_off(seen.weight, off, cut)
+
+
+def surfaces_off(weight: np.ndarray, off: np.ndarray, cut: float) -> float:
+    """Surfaces that do not lie on a prior, of points (N,) of a weight, so far off it [m]: up to `cut` as 0 to 1."""
+    return float(weight @ np.minimum(np.square(off / cut), 1.0))
 
 
 def _some(seen: Surfaces) -> Surfaces:
