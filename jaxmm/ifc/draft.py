@@ -1,5 +1,6 @@
 """An IFC model that is being edited, and the book that is kept of every entity touched."""
 
+import itertools
 import re
 import uuid
 from datetime import UTC, datetime
@@ -136,7 +137,7 @@ def open_draft(prior: Path, when: datetime | None, date: str | None) -> tuple[by
 def _number_behind(model: Any, text: bytes, lost: list[Lost]) -> None:
     """Let new entities be numbered behind all that a file has or refers to, also what the library left out of it."""
     numbers = (int(found[1]) for found in _NUMBER.finditer(text))
-    last = max((*numbers, *(one.number for one in lost)), default=0)
+    last = max(itertools.chain(numbers, (one.number for one in lost)), default=0)
     try:
         model.by_id(last)
     except RuntimeError:  # it is not in the model
