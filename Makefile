@@ -20,9 +20,10 @@ report: setup
 	$(BIN)/python -m paper.report --results runs/paper/results --out runs/paper/report.md --html runs/paper/report.html
 	$(BIN)/python -m paper.figures runs/paper --out runs/paper/figures
 
-# All but those that make whole runs again, notebooks, clusters and the paper's figures; `make test ALL=1` makes these, too.
+# All but those that make whole runs again, notebooks, clusters and the paper's figures; `make test ALL=1` makes these, too,
+# and `make test LONG=1` these alone.
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(filter-out 0,$(ALL)),,-m "not long")
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(filter-out 0,$(ALL)),,-m "$(if $(filter-out 0,$(LONG)),,not )long")
 
 setup: .venv/current
 
