@@ -8,7 +8,6 @@ import pytest
 import trimesh
 from matplotlib.text import Text
 
-from jaxmm.reports import figures
 from jaxmm.reports.detection_figures import MOST_POINTS, panels_of, probability_figure, write_figures
 from jaxmm.reports.panorama import box_edges, in_view, seen_from, sensor_frame
 from jaxmm.reports.plan_cut import cut_surfaces
@@ -18,6 +17,7 @@ from jaxmm.verdicts.results import Mismatch
 from tests.cases.detections import thinned, true_case
 from warp_scanner.sensors.poses import rotation_of
 
+pytestmark = pytest.mark.usefixtures("coarse")
 GRID = np.array([192_340.125, 444_123.375, 12.5])  # [m] a place on a national grid
 VERMILLION = np.array([213, 94, 0])
 
@@ -26,12 +26,6 @@ VERMILLION = np.array([213, 94, 0])
 def removed(tmp_path_factory):
     """A pillar and a wall are gone."""
     return true_case(tmp_path_factory.mktemp("removed")).detection
-
-
-@pytest.fixture(autouse=True)
-def coarse(monkeypatch):
-    """Few pixels, for speed."""
-    monkeypatch.setitem(figures.STYLE, "savefig.dpi", 50)
 
 
 @pytest.fixture(scope="module")

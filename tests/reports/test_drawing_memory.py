@@ -8,21 +8,17 @@ import numpy as np
 import pytest
 
 from jaxmm import vectors
-from jaxmm.reports import detection_figures, figures, snapshots
+from jaxmm.reports import detection_figures, snapshots
 from jaxmm.reports.detection_figures import panels_of, write_figures
 from tests.cases.detections import thinned, true_case
+
+pytestmark = pytest.mark.usefixtures("coarse")
 
 
 @pytest.fixture(scope="module")
 def sparse(tmp_path_factory):
     """A pillar and a wall are gone; of the points there is a tenth, for speed."""
     return thinned(true_case(tmp_path_factory.mktemp("removed")).detection)
-
-
-@pytest.fixture(autouse=True)
-def coarse(monkeypatch):
-    """Few pixels, for speed."""
-    monkeypatch.setitem(figures.STYLE, "savefig.dpi", 50)
 
 
 class Figure:
